@@ -1,0 +1,22 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "config/session_spec.h"
+#include "core/brdf_table.h"
+#include "core/result.h"
+
+namespace lightrig {
+
+struct LoadedMaterials {
+  std::vector<Material> materials;
+  std::vector<std::string>
+      remarks;  ///< per material: what was wrong with it, whether it was left out
+};
+
+/// The training set: built in, or every .binary of a directory, sorted by name; held-out ones left
+/// out. Errors: not_found, invalid_input (fewer than 2 usable, grids differ).
+Result<LoadedMaterials> load_materials(const MaterialsConfig& config);
+
+}  // namespace lightrig

@@ -1,0 +1,188 @@
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "config/session_spec.h"
+#include "core/camera_model.h"
+#include "core/gantry_model.h"
+#include "core/sensor.h"
+
+namespace lightrig {
+
+// --- camera backends
+// -------------------------------------------------------------------------------------------------
+
+/// A GigE Vision camera through Aravis.
+struct AravisCamera {
+  std::string id;            ///< Aravis id ("Vendor-Serial"), serial, or IP address
+  std::string interface_ip;  ///< optional: the host's address to use; "" lets Aravis choose
+  std::string
+      pixel_format;  ///< e.g. "Mono12", "BayerRG12Packed"; "" derives it from filter and bits
+  std::string trigger = "single_frame";  ///< "single_frame" or "software"
+  int packet_size = 0;                   ///< [byte], 0 negotiates
+  int socket_buffer_bytes = 8 << 20;
+  bool packet_socket = false;
+  int port = 3956;  ///< GVCP port; other than 3956 only against a simulator
+  std::map<std::string, std::string>
+      features;  ///< GenICam features set after opening, in name order
+};
+/// A camera that exists only in memory (--simulate); a real run refuses it.
+struct SimulatedCamera {};
+using CameraBackend = std::variant<SimulatedCamera, AravisCamera>;
+
+struct CameraConfig {
+  CameraModel model;
+  SensorModel sensor;
+  CameraBackend backend;
+  double readout_time = 0;            ///< [s] from end of exposure to frame in hand
+  std::filesystem::path calibration;  ///< file the model was read from, "" if given inline
+};
+
+// --- gantry backends
+// -------------------------------------------------------------------------------------------------
+
+struct TcpEndpoint {
+  std::string host;
+  int port = 502;
+};
+struct SerialEndpoint {
+  std::string device;  ///< e.g. /dev/ttyUSB0
+  int baud = 115200;
+  char parity = 'N';
+  int data_bits = 8, stop_bits = 1;
+  bool rs485 = false;
+};
+/// One drive on a Modbus bus: which axis it moves.
+struct ModbusDrive {
+  std::string axis;
+  int unit = 1;
+  std::variant<TcpEndpoint, SerialEndpoint> endpoint;
+};
+/// A gantry whose drives speak Modbus as a controller profile describes.
+struct ModbusGantry {
+  std::filesystem::path profile;    ///< resolved path of config/controllers/NAME.toml
+  std::vector<ModbusDrive> drives;  ///< one per axis, in axis order
+  std::chrono::milliseconds timeout{500};
+};
+struct UsbEndpoint {
+  int vendor = 0, product = 0;
+  std::string serial;  ///< "" takes the only one, refuses if there are several
+  int baud = 115200;
+};
+/// A gantry behind a GRBL 1.1 or grblHAL controller, over libusb or a tty.
+struct GrblGantry {
+  std::variant<UsbEndpoint, SerialEndpoint> endpoint;
+  std::vector<char> letters;         ///< (axes) G-code letter per axis
+  std::vector<double> units_per_si;  ///< (axes) GRBL millimetres (or degrees) per metre (or radian)
+  std::chrono::milliseconds timeout{1000};
+};
+struct SimulatedGantry {};
+using GantryBackend = std::variant<SimulatedGantry, ModbusGantry, GrblGantry>;
+
+struct GantryConfig {
+  GantryModel model;
+  GantryBackend backend;
+  /// Deadline of a move = predicted move time × move_time_factor + move_time_margin.
+  double move_time_factor = 1.5;
+  std::chrono::milliseconds move_time_margin{2000};
+  std::chrono::milliseconds homing_timeout{60000};
+};
+
+// --- lamp
+// ------------------------------------------------------------------------------------------------------------
+
+/// Switched by the gantry's own controller: a Modbus digital output of its profile, or GRBL's
+/// spindle or coolant.
+struct GantryLamp {
+  std::string output;  ///< output name of the profile, or "spindle" / "flood" / "mist"
+};
+/// A coil or holding register of its own Modbus unit.
+struct ModbusLamp {
+  std::variant<TcpEndpoint, SerialEndpoint> endpoint;
+  int unit = 1;
+  std::optional<int> coil;     ///< either a coil (on/off) …
+  std::optional<int> holding;  ///< … or a register
+  int full_scale = 1;          ///< register value of power 1
+  std::chrono::milliseconds timeout{500};
+};
+struct SimulatedLamp {};
+using LampBackend = std::variant<SimulatedLamp, GantryLamp, ModbusLamp>;
+
+struct LampConfig {
+  Eigen::Array3d strength =
+      Eigen::Array3d::Ones();  ///< [W/sr] near, [W/m²] distant, per channel, at power 1
+  bool absolute_scale =
+      false;  ///< strength and response are calibrated; else the result's scale is nominal
+  double max_power = 0;  ///< [0, 1] no default: the most any command may ask for
+  double power = 0;      ///< [0, 1] used for capture
+  double warm_up = 0;    ///< [s] on before the first exposure
+  std::chrono::milliseconds max_on_time{
+      0};  ///< the lease: dark after this long without renewal; no default
+  LampBackend backend;
+};
+
+// --- the rest
+// --------------------------------------------------------------------------------------------------------
+
+/// An input that forbids motion while open.
+struct Interlock {
+  std::string name;
+  std::string input;  ///< input name of the controller profile
+  bool resume_by_itself = false;
+};
+
+/// Where lamp and arm may not go. Shapes in the world frame [m].
+struct KeepOutSphere {
+  std::string name;
+  Eigen::Vector3d centre;
+  double radius = 0;
+};
+struct KeepOutBox {
+  std::string name;
+  Eigen::Vector3d min, max;
+};
+using KeepOut = std::variant<KeepOutSphere, KeepOutBox>;
+
+/// How candidate light positions are laid out before the gantry's reach is asked.
+struct CandidateRule {
+  enum class Kind : std::uint8_t { fibonacci, list } kind = Kind::fibonacci;
+  int count = 1000;                   ///< fibonacci: over the whole sphere of directions
+  std::vector<Eigen::Vector3d> list;  ///< [m] positions, or directions for a distant lamp
+};
+
+/// What --simulate and `lightrig simulate` make of this rig; a real run never reads it.
+struct SimulationConfig {
+  std::string material =
+      "";  ///< name in the built-in set, or path of a MERL file; required to simulate
+  std::uint64_t seed = 1;
+  double clock_rate = 1;           ///< ≥ 1; infinity jumps
+  double arm_frequency = 0;        ///< [Hz] of the lightly damped arm; 0 = rigid
+  double arm_damping = 0.05;       ///< ratio
+  double pose_error = 0;           ///< [rad] rotation of the real object against the modelled one
+  double lamp_position_error = 0;  ///< [m] rms, fixed per position
+  Eigen::Array3d ambient = Eigen::Array3d::Zero();  ///< [W m⁻² sr⁻¹] seen with the lamp off
+};
+
+/// A rig, complete and valid: config yields no other.
+struct Rig {
+  std::string name;
+  CameraConfig camera;
+  GantryConfig gantry;
+  LampConfig lamp;
+  std::vector<Interlock> interlocks;
+  std::vector<KeepOut> keep_out;
+  CandidateRule candidates;
+  std::optional<SimulationConfig> simulation;
+  std::filesystem::path session_root;  ///< where sessions are stored
+  SessionSpec session_defaults;        ///< tables of a session that the rig file may hold
+  std::filesystem::path path;          ///< of the rig file
+  std::string text;                    ///< its exact bytes, copied into every session
+};
+
+}  // namespace lightrig

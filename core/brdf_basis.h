@@ -1,0 +1,87 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/brdf_table.h"
+#include "core/result.h"
+
+namespace lightrig {
+
+/// How a BRDF value becomes the number that statistics are made of.
+enum class Mapping : std::uint8_t {
+  ln_floor,      ///< y = ln max(f, floor)
+  ln_offset,     ///< y = ln(f + floor)
+  log_relative,  ///< y = ln((f·w + floor)/(f_ref·w + floor)), w = cos θi cos θo weight, f_ref the
+                 ///< median [Nielsen 2015]
+};
+
+/// The mapping with its numbers; the same for basis and observations, always recorded.
+struct LogMapping {
+  Mapping kind = Mapping::ln_floor;
+  double floor = 1e-4;       ///< [1/sr]
+  Eigen::ArrayXd weight;     ///< (cells), log_relative only
+  Eigen::ArrayXd reference;  ///< (cells) [1/sr], log_relative only
+};
+double map_value(const LogMapping& mapping, int cell, double f);
+double unmap_value(const LogMapping& mapping, int cell, double y);
+/// dy/df at f, for carrying variances.
+double map_slope(const LogMapping& mapping, int cell, double f);
+
+enum class ChannelLayout : std::uint8_t {
+  stacked,  ///< one training column per material, its channels stacked as rows: row = channel ·
+            ///< cells + cell
+  columns,  ///< one training column per material and channel: row = cell; every channel uses the
+            ///< same basis
+};
+
+/// Statistics of a set of materials: mean and principal components of the mapped values.
+struct BrdfBasis {
+  BivariateGrid grid;
+  ChannelLayout layout = ChannelLayout::columns;
+  int channels = 3;  ///< channels of the training data
+  LogMapping mapping;
+  std::vector<std::uint8_t> valid;  ///< (cells): 1 where every training material has a value
+  Eigen::VectorXd mean;             ///< (rows); 0 in invalid cells
+  Eigen::MatrixXd V;                ///< (rows × k), orthonormal columns; 0 in invalid cells
+  Eigen::VectorXd
+      stddev;  ///< (k): standard deviations of the coefficients over the training set, descending
+  Eigen::VectorXd y_min, y_max;  ///< (rows): training range, to clip exponents to
+  double model_sigma =
+      0.15;  ///< standard deviation of what the basis cannot say of unseen materials, mapped units
+  double variance_captured = 0;  ///< [0, 1] by the k components
+  int materials = 0;
+  std::string source;
+
+  Eigen::Index rows() const { return V.rows(); }
+  Eigen::Index components() const { return V.cols(); }
+  Eigen::Index row(int cell, int channel) const {
+    return layout == ChannelLayout::stacked ? Eigen::Index{channel} * grid.cells() + cell : cell;
+  }
+};
+
+struct BasisOptions {
+  ChannelLayout layout = ChannelLayout::columns;
+  Mapping mapping = Mapping::ln_floor;
+  double floor = 1e-4;  ///< [1/sr]
+  int components = 0;   ///< 0: all that the data support (columns − 1)
+  /// Hold-out folds for model_sigma (leave-materials-out); 0 leaves the default.
+  int sigma_folds = 5;
+};
+
+/// PCA of the materials. Errors: invalid_input when the grids differ, fewer than 2 materials, or
+/// more components asked for than columns − 1. Deterministic: signs fixed so that each column's
+/// entry of largest magnitude is positive.
+Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOptions& options);
+
+/// The first k components of a basis.
+BrdfBasis truncated(const BrdfBasis& basis, Eigen::Index k);
+
+/// mean + V c per channel, unmapped, exponents clipped to the training range; NaN in invalid cells.
+/// c is (k × 1) for a stacked basis, (k × C) for columns. `clipped` counts the cells that were.
+BrdfTable evaluate(const BrdfBasis& basis, const Eigen::MatrixXd& c, int* clipped = nullptr);
+
+}  // namespace lightrig

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "core/camera_model.h"
+#include "core/light.h"
+#include "core/mesh.h"
+
+namespace lightrig {
+
+/// Where a ray meets the mesh.
+struct Hit {
+  double distance = 0;  ///< [m]
+  int triangle = -1;
+  double u = 0, v = 0;  ///< barycentric coordinates of vertices 1 and 2
+};
+
+/// Answers "what does this ray meet" for one mesh; the only owner of Embree. Immutable once built;
+/// safe to share between threads for queries. Works in units of the mesh's own size, so 1e-4 m and
+/// 1e3 m objects behave alike.
+class Occluder {
+ public:
+  explicit Occluder(const Mesh& mesh);
+  ~Occluder();
+  Occluder(Occluder&&) noexcept;
+  Occluder& operator=(Occluder&&) noexcept;
+
+  std::optional<Hit> first_hit(const Ray& ray) const;
+
+  /// Whether the segment from a surface point towards the light is blocked. The start is moved off
+  /// the surface along the normal by a small fraction of the mesh's size, so that a point does not
+  /// shade itself.
+  bool blocked(const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
+               const LightPosition& light) const;
+
+  /// blocked() for up to many points at once (packets); writes 1 where blocked.
+  void blocked(std::span<const Eigen::Vector3d> points, std::span<const Eigen::Vector3d> normals,
+               const LightPosition& light, std::span<std::uint8_t> out) const;
+
+  /// True when the mesh is closed and convex, so that no lit, camera-facing point can be in shadow.
+  bool convex() const;
+
+ private:
+  struct Scene;
+  std::unique_ptr<Scene> scene_;
+};
+
+}  // namespace lightrig

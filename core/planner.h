@@ -1,0 +1,78 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <vector>
+
+#include "core/brdf_basis.h"
+#include "core/candidate_bins.h"
+
+namespace lightrig {
+
+enum class Criterion : std::uint8_t {
+  condition,  ///< κ² = λmax/λmin of GᵀG [Ali 2013]
+  a_optimal,  ///< posterior trace over the BRDF, with the prior of the basis
+};
+enum class StopRule : std::uint8_t {
+  literal,  ///< until the criterion no longer falls
+  plateau,  ///< until it falls by less than `plateau`
+  count,    ///< exactly max_lights, if so many help at all
+};
+
+struct SelectionOptions {
+  Criterion criterion = Criterion::condition;
+  StopRule stop = StopRule::plateau;
+  double plateau =
+      0.2;  ///< [0, 1]: relative fall below which a further light is not worth its time
+  int max_lights = 40;
+  double sigma = 0.15;       ///< a-optimal: standard deviation of an observed row, mapped units
+  std::vector<int> already;  ///< candidates captured already: their rows stand from the start
+  std::vector<std::uint8_t> excluded;  ///< (candidates) or empty: 1 = may not be chosen
+  bool brute_force = false;            ///< no shortcut at all: the plain reference
+  int threads = 1;
+};
+
+struct SelectedLight {
+  int candidate = -1;
+  /// λmax/λmin of GᵀG with all lights so far; infinite while rank < components. Reported under
+  /// either criterion.
+  double condition = std::numeric_limits<double>::infinity();
+  int rank = 0;
+  double score = 0;  ///< the criterion's own value after this light
+  int new_cells = 0;
+  double predicted_error_percent =
+      0;  ///< METHOD.md's percentage error expected of MAP with all lights so far
+};
+
+/// What the selection left out, and did.
+struct SelectionStatistics {
+  std::int64_t identical_candidates = 0;  ///< merged with one that has the same new cells
+  std::int64_t exact_evaluations = 0;     ///< eigen- or singular-value solves, or exact traces
+  std::int64_t bounded_away = 0;          ///< discarded by a bound alone
+  std::int64_t empty_candidates = 0;      ///< see nothing
+};
+
+struct Selection {
+  std::vector<SelectedLight> lights;  ///< in order of selection, without `already`
+  SelectionStatistics statistics;
+  bool plateau_reached = false;
+  double mean_only_error_percent = 0;  ///< predicted error with no light at all
+};
+
+/// Greedy choice of lights. Ordering: larger rank, then smaller score, then smaller index; scores
+/// within 1e-9 relative are ties. Exact: the same lights with and without brute_force. A candidate
+/// that adds no cell is never chosen.
+Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
+                        const SelectionOptions& options);
+
+/// κ² of the given candidates' rows together; infinite and rank when rank-deficient.
+struct Conditioning {
+  double condition = std::numeric_limits<double>::infinity();
+  double pseudo_condition = 1;  ///< σ₁²/σ_rank²
+  int rank = 0;
+};
+Conditioning conditioning(const BrdfBasis& basis, const CandidateBins& bins,
+                          std::span<const int> candidates);
+
+}  // namespace lightrig

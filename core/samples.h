@@ -1,0 +1,57 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/candidate_bins.h"
+#include "core/image.h"
+#include "core/light.h"
+
+namespace lightrig {
+
+/// BRDF values measured under one light, averaged per grid cell and channel.
+struct BrdfObservation {
+  enum class Kind : std::uint8_t {
+    value,  ///< f and variance hold
+    above,  ///< censored: f is at least this (saturated)
+    below,  ///< censored: f is at most this (dark)
+  };
+  std::int32_t cell = 0;
+  std::int8_t channel = 0;
+  Kind kind = Kind::value;
+  std::int32_t count = 0;  ///< sites averaged
+  double f = 0;            ///< [1/sr]
+  double variance =
+      0;  ///< [1/sr²] of f: sensor noise of the mean, plus the spread within the cell over count
+};
+
+/// What extraction passed over.
+struct ExtractionStatistics {
+  std::int64_t sites = 0, unlit = 0, shadowed = 0, grazing = 0, invalid_cell = 0, saturated = 0,
+               dark = 0;
+};
+
+struct BrdfObservations {
+  std::vector<BrdfObservation> rows;  ///< sorted by channel, then cell
+  ExtractionStatistics statistics;
+};
+
+struct ExtractOptions {
+  GrazingLimits limits;
+  Eigen::Array3d lamp_strength =
+      Eigen::Array3d::Ones();  ///< [W/sr] near, [W/m²] distant, per channel
+  int threads = 1;
+};
+
+/// f = L / (E cos θi) at every surface point's site, per cell. `ambient` (lamp off) is subtracted
+/// where given. Points must come from pixels, or project to the nearest site. Shadowed points are
+/// told by `occluder`.
+BrdfObservations extract(const RadianceImage& image, const RadianceImage* ambient,
+                         const SurfacePoints& points, const CameraModel& camera,
+                         const LightPosition& light, const BivariateGrid& grid,
+                         std::span<const std::uint8_t> valid, const Occluder& occluder,
+                         const ExtractOptions& options);
+
+}  // namespace lightrig

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "core/result.h"
+
+namespace lightrig {
+
+/// Writes a file whole or not at all: PATH.part, every return checked, fsync, read back and
+/// compared, rename, fsync of the directory. Errors: no_space (ENOSPC, EDQUOT), refused (others),
+/// and the .part is removed.
+Result<void> write_durably(const std::filesystem::path& path, std::span<const std::byte> bytes);
+Result<void> write_durably(const std::filesystem::path& path, const std::string& text);
+
+/// The whole file. Errors: not_found, refused.
+Result<std::string> read_file(const std::filesystem::path& path);
+
+/// Lower-case hex SHA-256.
+std::string sha256_hex(std::span<const std::byte> bytes);
+std::string sha256_hex(const std::string& text);
+
+}  // namespace lightrig

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <string>
+
+#include "core/result.h"
+#include "daemon/session/prepare.h"
+
+namespace lightrig {
+
+/// plan.json, schema lightrig.plan/1. Numbers round-trip; infinity as null. `cost` stands apart
+/// from what is compared.
+std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared& prepared);
+
+/// Reads plan.json back. Errors: invalid_input with the JSON path of what is wrong.
+Result<Plan> plan_from_json(const std::string& text);
+
+}  // namespace lightrig

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "config/load_object.h"
+#include "config/rig.h"
+#include "core/brdf_basis.h"
+#include "core/candidate_bins.h"
+#include "core/plan.h"
+#include "core/surface_points.h"
+
+namespace lightrig {
+
+/// Seconds of one stage of a computation, in the order they ran.
+struct StageCost {
+  std::string stage;   ///< "mesh", "materials", "basis", "points", "bins", "select", "route", …
+  double seconds = 0;  ///< [s] wall time
+};
+
+/// All that a session needs before anything moves. Everything after the rig and session files, as
+/// values.
+struct Prepared {
+  LoadedObject object;
+  std::shared_ptr<const Occluder> occluder;
+  SurfacePoints points;  ///< what planning and extraction look at
+  std::vector<Material>
+      materials;         ///< of the basis (kept for the material distances that reports show)
+  BrdfBasis fit_basis;   ///< for reconstruction
+  BrdfBasis plan_basis;  ///< for planning: fit_basis, or its first K components, or stacked
+  std::vector<Candidate> candidates;
+  CandidateBins bins;
+  Plan plan;
+  std::vector<StageCost> cost;
+  std::vector<std::string> remarks;  ///< mesh repairs, materials passed over, candidates left out
+};
+
+/// Reads what the files name and plans. Errors: invalid_input when the camera does not see the
+/// object or no reachable lamp position lights anything it sees, with the counts.
+Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force = false);
+
+/// Everything of prepare() but the plan's choice of lights, which is given (a stored plan, a
+/// resumed session).
+Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan);
+
+}  // namespace lightrig

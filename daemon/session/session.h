@@ -1,0 +1,79 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <stop_token>
+#include <string>
+
+#include "config/rig.h"
+#include "daemon/session/journal.h"
+#include "daemon/session/prepare.h"
+#include "daemon/session/session_folder.h"
+#include "drivers/devices.h"
+
+namespace lightrig {
+
+/// What a person may ask of a running session. Abort is apart: it is the stop token, seen by every
+/// device call.
+class SessionControl {
+ public:
+  void pause(std::string reason);  ///< after the exposure in progress
+  void resume();
+  void stop_after_shot();
+  void abort(std::string reason);  ///< device calls return within 10 ms
+
+  std::stop_token stop_token() const { return stop_.get_token(); }
+  bool pause_requested() const;
+  bool stop_after_shot_requested() const;
+  std::string reason() const;
+
+ private:
+  mutable std::mutex mutex_;
+  std::stop_source stop_;
+  bool pause_ = false;
+  bool stop_after_shot_ = false;
+  std::string reason_;
+};
+
+/// One moment of a session, for whoever watches.
+struct SessionProgress {
+  std::string activity;  ///< "homing", "dark frames", "moving to L03", "exposing L03 2/5", …
+  int shots_done = 0, shots_total = 0;
+  double elapsed_s = 0, remaining_s = 0;  ///< rig time
+  double predicted_error_percent = 0;     ///< with what is captured so far
+  std::optional<double> held_out_error_percent, true_error_percent;
+};
+
+enum class SessionOutcome : std::uint8_t { done, stopped_early, paused, aborted, faulted };
+
+struct SessionEnd {
+  SessionOutcome outcome = SessionOutcome::done;
+  std::string reason;  ///< one sentence for a person; says LAMP MAY BE ON where that is so
+  bool lamp_may_be_on = false;
+};
+
+struct SessionListeners {
+  std::function<void(const JournalEvent&)> event;  ///< after it is durable
+  std::function<void(const SessionProgress&)> progress;
+  std::function<void(const Frame&, const std::string& shot)>
+      frame;  ///< each stored frame, for a preview
+};
+
+/// Creates the folder of a new session: copies of the inputs, plan.json, session.json, an opened
+/// journal. The id is UTC date, time and sample id. Errors: no_space, refused (unwritable root),
+/// with the path.
+Result<SessionFolder> create_session(const Rig& rig, const SessionSpec& spec,
+                                     const Prepared& prepared, const std::string& id);
+
+/// Captures what the folder's journal does not yet hold: home, dark frames, then each shot in visit
+/// order — move, settle, verify, ambient, metering, bracket, verify, store, journal — reducing
+/// alongside. Returns when done, stopped, paused with no way on, aborted or faulted; the lamp is
+/// dark then, or the end says LAMP MAY BE ON. Resuming is calling it again.
+SessionEnd capture(const SessionFolder& folder, const Rig& rig, const SessionSpec& spec,
+                   const Prepared& prepared, Devices& devices, Clock& clock,
+                   SessionControl& control, const SessionListeners& listeners);
+
+}  // namespace lightrig

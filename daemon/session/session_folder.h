@@ -1,0 +1,64 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "config/rig.h"
+#include "core/image.h"
+#include "core/plan.h"
+#include "core/result.h"
+#include "daemon/session/journal.h"
+
+namespace lightrig {
+
+/// One stored frame.
+struct StoredFrame {
+  std::string file;     ///< relative to the session folder, e.g. "frames/L03/e1.exr"
+  std::string role;     ///< "dark", "ambient", "metering", "bracket"
+  double exposure = 0;  ///< [s]
+};
+
+/// A shot as the journal states it: everything reduction needs besides the frames' bytes.
+struct CapturedShot {
+  std::string name;  ///< "L01" … in order of selection, "H01" … held out
+  int index = -1;    ///< into Plan::shots
+  bool held_out = false;
+  std::vector<StoredFrame> frames;        ///< ambient, metering and bracket
+  std::vector<double> exposures_skipped;  ///< [s]
+  double elapsed_s = 0;  ///< measured: session seconds from start to this shot stored
+  double lamp_power = 1;
+};
+
+/// Names and paths of a session folder; knows its layout [docs/session_folder.md], holds no state.
+struct SessionFolder {
+  std::filesystem::path root;
+  std::filesystem::path rig_toml() const { return root / "rig.toml"; }
+  std::filesystem::path session_toml() const { return root / "session.toml"; }
+  std::filesystem::path session_json() const { return root / "session.json"; }
+  std::filesystem::path plan_json() const { return root / "plan.json"; }
+  std::filesystem::path journal() const { return root / "journal.jsonl"; }
+  std::filesystem::path frames() const { return root / "frames"; }
+  std::filesystem::path radiance() const { return root / "radiance"; }
+  std::filesystem::path result() const { return root / "result"; }
+  std::filesystem::path rejected() const { return root / "rejected"; }
+  std::filesystem::path inputs() const {
+    return root / "inputs";
+  }  ///< mesh, reference: copies of what was named
+  std::filesystem::path manifest() const { return root / "manifest-sha256.txt"; }
+};
+
+/// What a session folder holds, read back from it alone.
+struct SessionRecord {
+  SessionFolder folder;
+  Rig rig;
+  SessionSpec spec;
+  Plan plan;
+  std::vector<StoredFrame> darks;   ///< lamp-off frames common to all shots
+  std::vector<CapturedShot> shots;  ///< in order of capture
+  std::string state;                ///< "capturing", "paused", "done", "aborted", "faulted"
+  std::vector<JournalEvent> events;
+};
+Result<SessionRecord> read_session_folder(const std::filesystem::path& root);
+
+}  // namespace lightrig

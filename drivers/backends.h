@@ -1,0 +1,31 @@
+#pragma once
+
+#include <memory>
+
+#include "config/rig.h"
+#include "drivers/devices.h"
+
+namespace lightrig {
+
+/// A gantry and, where the rig's lamp hangs on the gantry's controller (GantryLamp), the lamp that
+/// shares its wire.
+struct GantryAndLamp {
+  std::unique_ptr<Gantry> gantry;
+  std::unique_ptr<Lamp> lamp;  ///< null unless the rig's lamp is a GantryLamp
+};
+
+// One overload per backend of the variants in Rig: a forgotten backend does not compile. Each is
+// defined in its own folder (modbus/, usb/, aravis/) or, where the option is OFF, in the twin
+// (modbus_absent.cpp, …) that answers not_built.
+Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, Clock& clock);
+Result<GantryAndLamp> open_gantry(const Rig& rig, const GrblGantry& backend, Clock& clock);
+Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const ModbusLamp& backend, Clock& clock);
+Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, const AravisCamera& backend,
+                                            Clock& clock);
+
+/// One line each for `lightrig backends`.
+Backend modbus_backend();
+Backend usb_backend();
+Backend aravis_backend();
+
+}  // namespace lightrig
