@@ -48,11 +48,29 @@ struct GantryModel {
 LightPosition light_at(const GantryModel& gantry, const GantryPosition& position);
 
 /// Axis values that bring the lamp to a point [m, world] (distant lamp: to a direction); empty
-/// where out of travel.
+/// where out of travel, or where a point lies off the dome by more than the tolerance (at least
+/// 1e-6 of the radius). Whole turns are added, and elevations beyond the zenith taken, where the
+/// travel has them; of several ways the one nearest to the home position.
 std::optional<GantryPosition> reach(const GantryModel& gantry, const Eigen::Vector3d& p);
 
 /// Within every axis' travel, and finite.
 bool within_limits(const GantryModel& gantry, const GantryPosition& position);
+
+/// A straight move in axis space: every axis follows from + s(t) (to − from), where s runs from 0
+/// to 1 with a trapezoidal speed (triangular when short). The axes start and arrive together and
+/// the path does not depend on the dynamics, which is what keep-out checks and coordinated drives
+/// need.
+struct MoveProfile {
+  double speed = 0;         ///< [1/s] of s while cruising: least of max_speed/|Δ| over the axes
+  double acceleration = 0;  ///< [1/s²] of s: least of max_acceleration/|Δ| over the axes
+  double ramp_time = 0;     ///< [s] of speeding up, and of slowing down
+  double cruise_time = 0;   ///< [s] at `speed`; 0 when triangular
+
+  double duration() const { return 2 * ramp_time + cruise_time; }  ///< [s]
+  double fraction(double t) const;  ///< s after t seconds: 0 before the start, 1 after the end
+};
+MoveProfile move_profile(const GantryModel& gantry, const GantryPosition& from,
+                         const GantryPosition& to);
 
 /// Seconds of an acceleration-limited move [s]; the slowest axis counts. Without settling.
 double move_time(const GantryModel& gantry, const GantryPosition& from, const GantryPosition& to);
