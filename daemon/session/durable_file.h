@@ -15,6 +15,16 @@ namespace lightrig {
 Result<void> write_durably(const std::filesystem::path& path, std::span<const std::byte> bytes);
 Result<void> write_durably(const std::filesystem::path& path, const std::string& text);
 
+/// Moves a file to another name on the same disk, making the folder it goes to; durable when it
+/// returns. Errors: no_space, refused.
+Result<void> move_durably(const std::filesystem::path& from, const std::filesystem::path& to);
+
+/// Makes a folder and those above it; durable when it returns. Errors: no_space, refused.
+Result<void> make_folder(const std::filesystem::path& folder);
+
+/// Flushes a folder's list of names to disk. Errors: refused.
+Result<void> sync_directory(const std::filesystem::path& folder);
+
 /// The whole file. Errors: not_found, refused.
 Result<std::string> read_file(const std::filesystem::path& path);
 

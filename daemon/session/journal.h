@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,21 +32,31 @@ struct Replay {
 /// Reads a journal. Errors: invalid_input for damage anywhere but the tail, with the line number.
 Result<Replay> replay_journal(const std::filesystem::path& path);
 
-/// Appends events durably: write, fsync; seq continues after the replayed ones.
+/// Appends events durably: write, fsync; seq continues after the replayed ones. One process at a
+/// time: an open journal is locked.
 class Journal {
  public:
+  /// Creates or continues a journal; a torn tail is cut. Errors: those of replay_journal; refused
+  /// when another process has it open or the system says no; no_space.
   static Result<Journal> open(const std::filesystem::path& path);
   Journal(Journal&&) noexcept;
   Journal& operator=(Journal&&) noexcept;
   ~Journal();
 
+  /// Appends {"seq":…,"event":event, fields…}; durable when it returns. `fields` is an object or
+  /// null, without the keys seq, event, crc. Errors: no_space, refused; the journal is then as it
+  /// was before.
   Result<JournalEvent> append(const std::string& event, nlohmann::ordered_json fields);
   const std::vector<JournalEvent>& replayed() const { return replayed_; }
+  bool torn_tail() const { return torn_tail_; }  ///< one was found and cut on opening
 
  private:
   Journal() = default;
+  std::filesystem::path path_;
   int fd_ = -1;
   std::uint64_t next_ = 1;
+  std::uint64_t bytes_ = 0;  ///< length of the valid file
+  bool torn_tail_ = false;
   std::vector<JournalEvent> replayed_;
 };
 
