@@ -1,0 +1,188 @@
+#include "drivers/aravis/gv_session.h"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+#include <limits>
+
+#include "drivers/aravis/gv_error.h"
+
+namespace lightrig {
+namespace {
+
+constexpr int stream_buffers = 4;
+/// Time a frame may need beyond exposure and readout: leader, packets, one round of resends,
+/// scheduling.
+constexpr std::chrono::milliseconds transfer_margin{1500};
+/// An exposure read back may differ by the camera's own steps.
+constexpr double exposure_tolerance = 0.01;
+constexpr double exposure_step_s = 2e-6;
+
+const char* status_text(ArvBufferStatus status) {
+  switch (status) {
+    case ARV_BUFFER_STATUS_SUCCESS:
+      return "complete";
+    case ARV_BUFFER_STATUS_TIMEOUT:
+      return "packets did not arrive in time";
+    case ARV_BUFFER_STATUS_MISSING_PACKETS:
+      return "packets are missing";
+    case ARV_BUFFER_STATUS_WRONG_PACKET_ID:
+      return "a packet has a wrong id";
+    case ARV_BUFFER_STATUS_SIZE_MISMATCH:
+      return "the image is larger than its buffer";
+    case ARV_BUFFER_STATUS_ABORTED:
+      return "the transfer was aborted";
+    default:
+      return "unknown state";
+  }
+}
+
+}  // namespace
+
+GvSession::~GvSession() {
+  if (camera_ && !lost_) arv_camera_stop_acquisition(camera_.get(), nullptr);
+}
+
+CameraCounters GvSession::counters() const {
+  CameraCounters counters = counters_;
+  if (stream_ && ARV_IS_GV_STREAM(stream_.get())) {
+    guint64 resent = 0;
+    guint64 missing = 0;
+    arv_gv_stream_get_statistics(ARV_GV_STREAM(stream_.get()), &resent, &missing);
+    counters.packets_resent = resent;
+    counters.packets_lost = missing;
+  }
+  return counters;
+}
+
+Result<double> GvSession::apply_exposure(double seconds) {
+  GError* error = nullptr;
+  arv_camera_set_exposure_time(camera_.get(), seconds * 1e6, &error);
+  if (error) return gv_fail(fmt::format("set the exposure to {} s", seconds), error);
+  const double applied = arv_camera_get_exposure_time(camera_.get(), &error) * 1e-6;
+  if (error) return gv_fail("read the exposure back", error);
+  if (std::abs(applied - seconds) > exposure_tolerance * seconds + exposure_step_s)
+    return fail(ErrorCode::refused,
+                fmt::format("asked for an exposure of {} s, but the camera took {} s: offer "
+                            "exposures that the camera can make",
+                            seconds, applied));
+  return applied;
+}
+
+void GvSession::return_buffer(GRef<ArvBuffer> buffer) {
+  arv_stream_push_buffer(stream_.get(), buffer.release());
+}
+
+void GvSession::drop_stale_buffers() {
+  while (ArvBuffer* buffer = arv_stream_try_pop_buffer(stream_.get())) {
+    if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS) (void)fresh_id(buffer);
+    return_buffer(GRef<ArvBuffer>(buffer));
+  }
+}
+
+Result<void> GvSession::trigger() {
+  GError* error = nullptr;
+  if (software_trigger_)
+    arv_camera_software_trigger(camera_.get(), &error);
+  else
+    arv_camera_start_acquisition(camera_.get(), &error);
+  if (error) return gv_fail("trigger the exposure", error);
+  return {};
+}
+
+Result<GRef<ArvBuffer>> GvSession::wait_for_buffer(double seconds, const std::stop_token& stop) {
+  using std::chrono::steady_clock;
+  const auto patience =
+      std::chrono::duration<double>(seconds + rig_.camera.readout_time) + transfer_margin;
+  const auto deadline =
+      steady_clock::now() + std::chrono::duration_cast<steady_clock::duration>(patience);
+  while (steady_clock::now() < deadline) {
+    if (stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
+    if (ArvBuffer* buffer = arv_stream_timeout_pop_buffer(stream_.get(), 5000))
+      return GRef<ArvBuffer>(buffer);
+    if (!arv_gv_device_is_controller(ARV_GV_DEVICE(arv_camera_get_device(camera_.get()))))
+      lost_ = true;
+    if (lost_)
+      return fail(ErrorCode::disconnected,
+                  "the camera's control privilege is lost: unplugged, restarted, or taken over");
+  }
+  return fail(ErrorCode::timed_out,
+              fmt::format("no frame within {:.1f} s of an exposure of {} s: check that nothing "
+                          "blocks UDP from the camera, its packet size and the trigger mode",
+                          patience.count(), seconds));
+}
+
+// The camera's clock tells a stale frame; where the camera has none, its frame count does.
+Result<std::uint64_t> GvSession::fresh_id(ArvBuffer* buffer) {
+  const std::uint64_t block = arv_buffer_get_frame_id(buffer);
+  const std::uint64_t timestamp = arv_buffer_get_timestamp(buffer);
+  const bool stale = timestamp != 0 ? timestamp <= last_timestamp_ : block == last_block_;
+  if (stale)
+    return fail(ErrorCode::timed_out,
+                fmt::format("a stale frame came: number {}, camera time {} ns", block, timestamp));
+  if (block <= last_block_) id_offset_ += last_block_;
+  last_block_ = block;
+  last_timestamp_ = timestamp;
+  return block + id_offset_;
+}
+
+Result<Frame> GvSession::accept(ArvBuffer* buffer, double exposure) {
+  // A failed buffer's geometry getters may assert: look at the status first.
+  const ArvBufferStatus status = arv_buffer_get_status(buffer);
+  if (status != ARV_BUFFER_STATUS_SUCCESS)
+    return fail(
+        ErrorCode::timed_out,
+        fmt::format("the frame is not whole: {}; {} packets resent, {} lost so far; see "
+                    "docs/hardware.md on packet size, socket buffer and MTU",
+                    status_text(status), counters().packets_resent, counters().packets_lost));
+  const auto id = fresh_id(buffer);
+  if (!id) return tl::unexpected(id.error());
+  const int width = arv_buffer_get_image_width(buffer);
+  const int height = arv_buffer_get_image_height(buffer);
+  if (width != rig_.camera.model.width || height != rig_.camera.model.height)
+    return fail(ErrorCode::refused,
+                fmt::format("a frame of {} × {} pixels came, the rig file says {} × {}", width,
+                            height, rig_.camera.model.width, rig_.camera.model.height));
+  if (arv_buffer_get_image_pixel_format(buffer) != format_->code)
+    return fail(ErrorCode::refused,
+                fmt::format("a frame of pixel format {:#010x} came instead of {}",
+                            arv_buffer_get_image_pixel_format(buffer), format_->name));
+  std::size_t size = 0;
+  const void* data = arv_buffer_get_image_data(buffer, &size);
+  // With chunks the data end in a trailer: the image is the first payload_bytes of it.
+  const std::size_t expected = payload_bytes(*format_, width, height);
+  auto image =
+      unpack(*format_, {static_cast<const std::byte*>(data), size < expected ? size : expected},
+             width, height);
+  if (!image) return tl::unexpected(with_context("unpack the frame", image.error()));
+  return Frame{std::move(*image), exposure, *id};
+}
+
+Result<Frame> GvSession::expose(double seconds, const std::stop_token& stop) {
+  if (lost_) return fail(ErrorCode::disconnected, "the camera is lost: reopen it");
+  auto applied = apply_exposure(seconds);
+  if (!applied) {
+    if (applied.error().code == ErrorCode::disconnected) lost_ = true;
+    return tl::unexpected(applied.error());
+  }
+  drop_stale_buffers();
+  if (auto triggered = trigger(); !triggered) return tl::unexpected(triggered.error());
+  auto buffer = wait_for_buffer(seconds, stop);
+  if (!software_trigger_ || !buffer) arv_camera_stop_acquisition(camera_.get(), nullptr);
+  if (software_trigger_ && !buffer && !lost_)
+    arv_camera_start_acquisition(camera_.get(), nullptr);  // ready for the next trigger
+  if (!buffer) {
+    if (buffer.error().code != ErrorCode::stopped) ++counters_.rejected;
+    return tl::unexpected(buffer.error());
+  }
+  Result<Frame> frame = accept(buffer->get(), *applied);
+  return_buffer(std::move(*buffer));
+  if (frame)
+    ++counters_.frames;
+  else
+    ++counters_.rejected;
+  return frame;
+}
+
+}  // namespace lightrig

@@ -1,0 +1,72 @@
+#pragma once
+
+#include <arv.h>
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+
+#include "config/rig.h"
+#include "drivers/devices.h"
+#include "drivers/pixel_format.h"
+
+namespace lightrig {
+
+/// Drops a GObject when it goes.
+struct Unref {
+  void operator()(gpointer object) const { g_object_unref(object); }
+};
+template <class T>
+using GRef = std::unique_ptr<T, Unref>;
+
+/// One control session with a GigE Vision camera. All calls may block for seconds (2.5 s per
+/// register when the camera is dead): it lives on the driver's own lane. "The session is master":
+/// every setting is written, then read back.
+class GvSession {
+ public:
+  /// Opens, takes control, applies the rig's settings. Errors: not_found (nobody answers), refused
+  /// (someone else controls it, a setting is not accepted), disconnected.
+  static Result<std::unique_ptr<GvSession>> open(const Rig& rig, const AravisCamera& backend);
+  ~GvSession();
+  GvSession(const GvSession&) = delete;
+  GvSession& operator=(const GvSession&) = delete;
+
+  /// One whole frame at this exposure, or why not. `stop` is looked at every 5 ms while waiting for
+  /// the frame.
+  Result<Frame> expose(double seconds, const std::stop_token& stop);
+
+  CameraCounters counters() const;
+  const std::string& identity() const { return identity_; }
+
+ private:
+  GvSession(const Rig& rig, const AravisCamera& backend) : rig_(rig), backend_(backend) {}
+  Result<void> connect();
+  Result<void> configure_format();
+  Result<void> configure_fixed_settings();
+  Result<void> configure_trigger();
+  Result<void> open_stream();
+  Result<double> apply_exposure(double seconds);
+  Result<void> trigger();
+  Result<GRef<ArvBuffer>> wait_for_buffer(double seconds, const std::stop_token& stop);
+  Result<Frame> accept(ArvBuffer* buffer, double exposure);
+  Result<std::uint64_t> fresh_id(ArvBuffer* buffer);
+  void drop_stale_buffers();
+  void return_buffer(GRef<ArvBuffer> buffer);
+
+  const Rig& rig_;
+  const AravisCamera backend_;
+  GRef<ArvCamera> camera_;
+  GRef<ArvStream> stream_;
+  const PixelFormat* format_ = nullptr;
+  std::string identity_;
+  bool free_running_single_ = false;  ///< no SingleFrame: start, take the first whole frame, stop
+  bool software_trigger_ = false;
+  bool lost_ = false;
+  // Many cameras count frames anew from every start; ours only ever grows, so that a frame is known by its id.
+  std::uint64_t last_block_ = 0, id_offset_ = 0, last_timestamp_ = 0;
+  CameraCounters counters_;
+};
+
+}  // namespace lightrig
