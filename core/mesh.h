@@ -13,19 +13,20 @@ struct Mesh {
   Eigen::Matrix3Xi triangles;  ///< (3 × t) vertex indices, counter-clockwise seen from outside
 };
 
-/// What repair() changed, for the message that says so.
+/// What repaired() changed, for the message that says so.
 struct MeshRepairs {
   int non_finite_vertices = 0;       ///< dropped, with their triangles
   int duplicate_vertices = 0;        ///< merged
-  int degenerate_triangles = 0;      ///< zero area or repeated index: dropped
+  int degenerate_triangles = 0;      ///< no area, or an index that names no vertex: dropped
   int duplicate_triangles = 0;       ///< dropped
   int unused_vertices = 0;           ///< dropped
-  bool flipped_orientation = false;  ///< was inside-out (negative volume): reversed
-  bool computed_normals =
-      false;                   ///< none given, or unusable: area- and angle-weighted vertex normals
-  int non_manifold_edges = 0;  ///< left as they are, said
-  int boundary_edges = 0;      ///< left as they are, said
-  int components = 1;
+  int rewound_triangles = 0;         ///< wound against their neighbours: reversed
+  bool flipped_orientation = false;  ///< a part was inside-out (negative volume): reversed
+  bool computed_normals = false;     ///< none given, or unusable: angle-weighted vertex normals
+  int turned_normals = 0;            ///< given, but pointing to the inner side: reversed
+  int non_manifold_edges = 0;        ///< shared by more than two triangles: left, said
+  int boundary_edges = 0;            ///< of one triangle: left, said
+  int components = 0;                ///< parts that share no vertex position
 };
 
 }  // namespace lightrig
