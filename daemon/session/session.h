@@ -1,6 +1,6 @@
 #pragma once
 
-#include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -62,9 +62,12 @@ struct SessionListeners {
       frame;  ///< each stored frame, for a preview
 };
 
-/// Creates the folder of a new session: copies of the inputs, plan.json, session.json, an opened
-/// journal. The id is UTC date, time and sample id. Errors: no_space, refused (unwritable root),
-/// with the path.
+/// UTC date, time and sample id, safe as a file name: "20261122T031500Z-brass-3".
+std::string make_session_id(const SessionSpec& spec, std::chrono::system_clock::time_point now);
+
+/// Creates the folder of a new session, whole or not at all: copies of the inputs, plan.json,
+/// session.json, a journal that says "opened". Errors: no_space, refused (unwritable root, id taken
+/// or not a plain file name), with the path.
 Result<SessionFolder> create_session(const Rig& rig, const SessionSpec& spec,
                                      const Prepared& prepared, const std::string& id);
 

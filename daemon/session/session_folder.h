@@ -14,9 +14,13 @@ namespace lightrig {
 
 /// One stored frame.
 struct StoredFrame {
-  std::string file;     ///< relative to the session folder, e.g. "frames/L03/e1.exr"
-  std::string role;     ///< "dark", "ambient", "metering", "bracket"
-  double exposure = 0;  ///< [s]
+  std::string file;  ///< relative to the session folder, e.g. "frames/L03/e1.exr"
+  /// "dark" (lamp off, common to all shots), "ambient" (lamp off, this shot's), "metering" and
+  /// "bracket" (lamp on: both are data of the shot; the metering frame is not taken a second time
+  /// when its exposure is among the chosen ones).
+  std::string role;
+  double exposure = 0;  ///< [s] as applied
+  std::string sha256;   ///< of the file, as journaled
 };
 
 /// A shot as the journal states it: everything reduction needs besides the frames' bytes.
@@ -59,6 +63,23 @@ struct SessionRecord {
   std::string state;                ///< "capturing", "paused", "done", "aborted", "faulted"
   std::vector<JournalEvent> events;
 };
+/// Errors: not_found when there is no session there; invalid_input when a part of it is damaged or
+/// missing, naming the part.
 Result<SessionRecord> read_session_folder(const std::filesystem::path& root);
+
+/// What a journal says has been captured.
+struct Captured {
+  std::vector<StoredFrame> darks;
+  std::vector<CapturedShot> shots;  ///< in order of capture, retaken ones by their last capture
+  std::string state = "capturing";  ///< as in SessionRecord
+  double elapsed_s = 0;             ///< measured: session seconds up to the last journaled fact
+  std::string outcome_reason;       ///< of the last pause or end; "" while capturing
+  bool sealed = false;
+};
+/// Errors: invalid_input when an event lacks what it must say, with its sequence number.
+Result<Captured> captured_of(const std::vector<JournalEvent>& events);
+
+/// "L01" … in order of selection, "H01" … for held-out shots.
+std::string shot_name(const Plan& plan, int index);
 
 }  // namespace lightrig
