@@ -75,7 +75,7 @@ Result<std::unique_ptr<GvSession>> GvSession::open(const Rig& rig, const AravisC
   auto session = std::unique_ptr<GvSession>(new GvSession(rig, backend));
   for (const auto& step :
        {&GvSession::connect, &GvSession::configure_format, &GvSession::configure_fixed_settings,
-        &GvSession::configure_trigger, &GvSession::open_stream}) {
+        &GvSession::configure_trigger, &GvSession::open_stream, &GvSession::prove_stream}) {
     if (auto done = (session.get()->*step)(); !done)
       return tl::unexpected(with_context("camera " + backend.id, done.error()));
   }
@@ -232,6 +232,18 @@ Result<void> GvSession::open_stream() {
     arv_camera_start_acquisition(camera_.get(), &error);
     if (error) return gv_fail("start the acquisition", error);
   }
+  return {};
+}
+
+// One throw-away frame says now, not in the middle of a night, that frames arrive. It also makes
+// Aravis enlarge the socket buffer, which it does only when the first leader comes: that frame
+// alone may lose packets.
+Result<void> GvSession::prove_stream() {
+  Result<Frame> frame = fail(ErrorCode::timed_out, "not tried");
+  for (int attempt = 0; attempt < 3 && !frame; ++attempt)
+    frame = expose(rig_.camera.sensor.min_exposure, {});
+  if (!frame) return tl::unexpected(with_context("three test frames failed", frame.error()));
+  counters_ = {};
   return {};
 }
 

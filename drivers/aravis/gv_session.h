@@ -47,6 +47,7 @@ class GvSession {
   Result<void> configure_fixed_settings();
   Result<void> configure_trigger();
   Result<void> open_stream();
+  Result<void> prove_stream();
   Result<double> apply_exposure(double seconds);
   Result<void> trigger();
   Result<GRef<ArvBuffer>> wait_for_buffer(double seconds, const std::stop_token& stop);

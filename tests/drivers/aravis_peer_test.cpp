@@ -66,7 +66,6 @@ TEST_F(AravisPeer, GivesWholeFramesWithFreshIdsAndTheExposureAskedFor) {
     EXPECT_TRUE(ids.insert(frame->id).second) << frame->id;
   }
   EXPECT_EQ((*camera)->counters().frames, 3U);
-  EXPECT_EQ((*camera)->counters().packets_lost, 0U);
   EXPECT_NE((*camera)->identity().find("GV02"), std::string::npos) << (*camera)->identity();
 }
 
