@@ -1,0 +1,51 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "config/rig.h"
+#include "core/result.h"
+
+struct libusb_context;
+struct libusb_device_handle;
+
+namespace lightrig {
+
+/// A byte stream to a USB CDC-ACM device through libusb [USB CDC PSTN 1.2]: opened by
+/// VID:PID:serial, endpoints taken from the descriptors, line coding set, kernel driver detached
+/// and given back.
+class CdcAcm {
+ public:
+  /// Errors: not_found (with what was seen), refused (no permission, several alike, claimed
+  /// elsewhere).
+  static Result<CdcAcm> open(const UsbEndpoint& endpoint);
+  CdcAcm(CdcAcm&&) noexcept;
+  CdcAcm& operator=(CdcAcm&&) noexcept;
+  ~CdcAcm();
+
+  /// As SerialPort's.
+  Result<std::string> read_some(std::chrono::milliseconds patience);
+  Result<void> write_all(std::string_view bytes, std::chrono::milliseconds patience);
+
+ private:
+  struct CloseContext {
+    void operator()(libusb_context* context) const;
+  };
+  CdcAcm() = default;
+  Result<void> find(const UsbEndpoint& endpoint);
+  Result<void> read_descriptors();
+  Result<void> configure_line(int baud);
+  void give_back();
+
+  std::unique_ptr<libusb_context, CloseContext> context_;
+  libusb_device_handle* handle_ = nullptr;
+  int control_interface_ = -1, data_interface_ = -1;
+  std::uint8_t bulk_in_ = 0, bulk_out_ = 0;
+  int packet_ = 64;  ///< [byte] of the bulk IN endpoint
+  std::string name_;
+};
+
+}  // namespace lightrig

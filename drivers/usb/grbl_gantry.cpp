@@ -1,0 +1,233 @@
+#include "drivers/usb/grbl_gantry.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace lightrig {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr char feed_hold = '!';
+constexpr std::chrono::milliseconds poll_interval{20};
+constexpr std::chrono::milliseconds farewell{500};
+/// Polls that may say Idle away from the target before the move counts as failed: the planner
+/// starts a move within one.
+constexpr int idle_polls_before_start = 5;
+
+std::size_t machine_axis(char letter) { return std::string_view("XYZABC").find(letter); }
+
+/// Letters of a status report's Pn field, by the input names that a rig file's interlocks use.
+char pin_of(const std::string& input) {
+  if (input == "door") return 'D';
+  if (input == "probe") return 'P';
+  if (input == "hold") return 'H';
+  if (input == "reset") return 'R';
+  if (input == "start") return 'S';
+  return '?';
+}
+
+}  // namespace
+
+GrblGantryDevice::GrblGantryDevice(const Rig& rig, const GrblGantry& backend, Clock& clock,
+                                   std::shared_ptr<GrblController> controller)
+    : model_(rig.gantry.model),
+      backend_(backend),
+      interlocks_(rig.interlocks),
+      clock_(clock),
+      controller_(std::move(controller)),
+      zero_(AxisValues::Zero(static_cast<Eigen::Index>(rig.gantry.model.axes.size()))) {}
+
+GrblGantryDevice::~GrblGantryDevice() { tell_to_stop(); }
+
+void GrblGantryDevice::tell_to_stop() {
+  // A failure here cannot be helped: the wire is gone, and the controller decelerates on its own
+  // limits only.
+  (void)controller_->link.realtime(feed_hold);
+  stop_pending_ = true;
+}
+
+GantryPosition GrblGantryDevice::position_of(const grbl::StatusReport& report) const {
+  GantryPosition position{zero_};
+  for (std::size_t i = 0; i < backend_.letters.size(); ++i) {
+    const std::size_t axis = machine_axis(backend_.letters[i]);
+    const auto row = static_cast<Eigen::Index>(i);
+    if (axis < report.machine_position->size())
+      position.axes[row] += (*report.machine_position)[axis] / backend_.units_per_si[i];
+  }
+  return position;
+}
+
+// After a feed hold the queue still holds the rest of the move, which a resume would drive. Once
+// the axes rest, a reset empties it; at rest the controller keeps its position.
+Result<void> GrblGantryDevice::settle_stop(const Until& until) {
+  while (stop_pending_) {
+    auto report = controller_->link.status(until);
+    if (!report) return tl::unexpected(report.error());
+    const bool moving = (report->state == "Hold" && report->substate != 0) ||
+                        report->state == "Run" || report->state == "Jog" || report->state == "Home";
+    if (!moving) {
+      if (auto reset = controller_->link.reset(until); !reset) return reset;
+      stop_pending_ = false;
+      return {};
+    }
+    clock_.sleep_until(clock_.now() + poll_interval, until.stop);
+  }
+  return {};
+}
+
+Result<GantryStatus> GrblGantryDevice::status(const Until& until) {
+  auto report = controller_->link.status(until);
+  if (!report) {
+    if (report.error().code == ErrorCode::disconnected) homed_ = false;
+    return tl::unexpected(report.error());
+  }
+  GantryStatus status;
+  status.position = position_of(*report);
+  if (report->state == "Alarm") {
+    homed_ = false;
+    const int number = controller_->link.alarm();
+    const std::string meaning = grbl::alarm_text(number);
+    status.alarm = number == 0 ? "locked: home first" : fmt::format("ALARM:{} {}", number, meaning);
+  }
+  status.homed = homed_;
+  status.at_rest = report->state == "Idle" || report->state == "Alarm" ||
+                   (report->state == "Hold" && report->substate == 0);
+  for (const Interlock& interlock : interlocks_)
+    if (report->pins.find(pin_of(interlock.input)) != std::string::npos)
+      status.open_interlocks.push_back(interlock.name);
+  if (report->state == "Door" && status.open_interlocks.empty())
+    status.open_interlocks.emplace_back("door");
+  return status;
+}
+
+Result<void> GrblGantryDevice::home(const Until& until) {
+  homed_ = false;
+  if (auto settled = settle_stop(until); !settled) return settled;
+  if (auto done = controller_->link.command("$H", until); !done) {
+    // Homing heeds no feed hold: only a reset ends it.
+    if (done.error().code == ErrorCode::stopped || done.error().code == ErrorCode::timed_out)
+      (void)controller_->link.realtime(0x18);
+    stop_pending_ = true;
+    return tl::unexpected(with_context("home", done.error()));
+  }
+  for (const char* mode : {"G21", "G90", "G94"})
+    if (auto set = controller_->link.command(mode, until); !set) return set;
+  auto report = controller_->link.status(until);
+  if (!report) return tl::unexpected(with_context("home", report.error()));
+  zero_.setZero();
+  const GantryPosition machine = position_of(*report);
+  for (Eigen::Index i = 0; i < zero_.size(); ++i)
+    zero_[i] = model_.axes[static_cast<std::size_t>(i)].home - machine.axes[i];
+  homed_ = true;
+  return {};
+}
+
+// A straight G1 in machine coordinates at the feed that keeps every axis within the rig's own speed
+// limit. G0 would run at the controller's speeds, which nobody here has checked.
+std::string GrblGantryDevice::move_command(const GantryPosition& from,
+                                           const GantryPosition& to) const {
+  std::string words;
+  double seconds = 0;
+  double length_squared = 0;
+  for (std::size_t i = 0; i < backend_.letters.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    const double travel = to.axes[row] - from.axes[row];
+    seconds = std::max(seconds, std::abs(travel) / model_.axes[i].max_speed);
+    length_squared += std::pow(travel * backend_.units_per_si[i], 2);
+    words += fmt::format(" {}{:.4f}", backend_.letters[i],
+                         (to.axes[row] - zero_[row]) * backend_.units_per_si[i]);
+  }
+  const double feed = 60 * std::sqrt(length_squared) / std::max(seconds, 1e-6);  // [mm/min]
+  return fmt::format("G53 G1{} F{:.3f}", words, std::max(feed, 0.001));
+}
+
+Result<void> GrblGantryDevice::move_to(const GantryPosition& position, const Until& until) {
+  if (!within_limits(model_, position))
+    return fail(ErrorCode::invalid_input, "the target lies outside the gantry's travel");
+  if (auto settled = settle_stop(until); !settled) return settled;
+  auto before = status(until);
+  if (!before)
+    return tl::unexpected(with_context("read the position before the move", before.error()));
+  if (!before->alarm.empty()) return fail(ErrorCode::refused, before->alarm);
+  if (!before->homed) return fail(ErrorCode::refused, "not homed: home first");
+  if (!before->open_interlocks.empty())
+    return fail(ErrorCode::refused, "interlock open: " + before->open_interlocks.front());
+  Result<void> done = controller_->link.command(move_command(before->position, position), until);
+  if (done) done = wait_for_arrival(position, until);
+  if (!done) {
+    tell_to_stop();
+    return tl::unexpected(with_context("move", done.error()));
+  }
+  return {};
+}
+
+// ok means queued, not done. Arrival is Idle within tolerance; Idle elsewhere is only believed
+// after the planner had time to start.
+Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& target, const Until& until) {
+  int idle_elsewhere = 0;
+  for (;;) {
+    auto now = status(until);
+    if (!now) return tl::unexpected(now.error());
+    if (!now->alarm.empty()) return fail(ErrorCode::refused, now->alarm);
+    if (!now->open_interlocks.empty())
+      return fail(ErrorCode::refused, "interlock opened: " + now->open_interlocks.front());
+    const double off = (now->position.axes - target.axes).cwiseAbs().maxCoeff();
+    if (now->at_rest && off <= model_.tolerance) return {};
+    if (now->at_rest && ++idle_elsewhere >= idle_polls_before_start)
+      return fail(
+          ErrorCode::refused,
+          fmt::format("the controller rests {:.4g} (rad or m) from the target, tolerance {:.4g}",
+                      off, model_.tolerance));
+    if (!now->at_rest) idle_elsewhere = 0;
+    clock_.sleep_until(clock_.now() + poll_interval, until.stop);
+  }
+}
+
+Result<void> GrblGantryDevice::clear_fault(const Until& until) {
+  if (auto reset = controller_->link.reset(until); !reset) return reset;
+  stop_pending_ = false;
+  auto report = controller_->link.status(until);
+  if (!report) return tl::unexpected(report.error());
+  if (report->state == "Alarm")
+    homed_ = false;  // unlocking without homing ($X) would believe a lost position
+  return {};
+}
+
+GrblLampDevice::~GrblLampDevice() {
+  const Until until{clock_.now() + farewell, {}};
+  if (!set(0, until)) (void)controller_->link.realtime(0x18);  // a reset switches every output off
+}
+
+std::string GrblLampDevice::command_for(double power) const {
+  if (backend_.output == "mist" && power > 0) return "M7";
+  if (backend_.output != "spindle") return power > 0 ? "M8" : "M9";
+  const auto full = controller_->settings.find(30);
+  const double scale = full == controller_->settings.end() ? 1000.0 : full->second;
+  return power > 0 ? fmt::format("M3 S{:.1f}", power * scale) : std::string("M5");
+}
+
+Result<void> GrblLampDevice::set(double power, const Until& until) {
+  const std::string command = command_for(power);
+  if (auto done = controller_->link.command(command, until); !done)
+    return tl::unexpected(with_context("switch the lamp", done.error()));
+  power_ = power;
+  return {};
+}
+
+Result<LampState> GrblLampDevice::state(const Until& until) {
+  LampState state{power_, false, std::nullopt};
+  if (backend_.output != "spindle") return state;
+  auto report = controller_->link.status(until);
+  if (!report) return tl::unexpected(with_context("read the lamp", report.error()));
+  const auto full = controller_->settings.find(30);
+  if (report->spindle && full != controller_->settings.end() && full->second > 0) {
+    state.power = *report->spindle / full->second;
+    state.confirmed = true;
+  }
+  return state;
+}
+
+}  // namespace lightrig

@@ -1,0 +1,145 @@
+#include "drivers/usb/grbl_link.h"
+
+#include <fmt/format.h>
+
+namespace lightrig {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr char soft_reset = 0x18;
+constexpr std::chrono::milliseconds read_step{5};
+constexpr std::chrono::milliseconds write_patience{250};
+
+std::string with_meaning(const std::string& line, const std::string& meaning) {
+  return meaning.empty() ? line : fmt::format("{} ({})", line, meaning);
+}
+
+}  // namespace
+
+Result<GrblLink> GrblLink::open(const GrblGantry& backend, Clock& clock, const Until& until) {
+  auto wire = std::visit(
+      [](const auto& endpoint) -> Result<Wire> {
+        if constexpr (std::is_same_v<std::decay_t<decltype(endpoint)>, UsbEndpoint>) {
+          auto port = CdcAcm::open(endpoint);
+          if (!port) return tl::unexpected(port.error());
+          return Wire(std::move(*port));
+        } else {
+          auto port = SerialPort::open(endpoint);
+          if (!port) return tl::unexpected(port.error());
+          return Wire(std::move(*port));
+        }
+      },
+      backend.endpoint);
+  if (!wire) return tl::unexpected(wire.error());
+  GrblLink link(std::move(*wire), clock);
+  if (auto reset = link.reset(until); !reset)
+    return tl::unexpected(with_context("wait for GRBL's banner after a reset", reset.error()));
+  return link;
+}
+
+Result<void> GrblLink::send(std::string_view bytes) {
+  return std::visit([&](auto& wire) { return wire.write_all(bytes, write_patience); }, wire_);
+}
+
+Result<void> GrblLink::realtime(char byte) { return send(std::string_view(&byte, 1)); }
+
+// One line, or nothing when the time ran out. Alarms are remembered wherever they turn up.
+Result<std::optional<grbl::Line>> GrblLink::next_line(const Until& until) {
+  for (;;) {
+    if (auto text = lines_.next()) {
+      grbl::Line line = grbl::parse_line(*text);
+      if (line.kind == grbl::Line::Kind::alarm) alarm_ = line.number;
+      return std::optional(std::move(line));
+    }
+    if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
+    if (clock_->now() >= until.deadline) return std::optional<grbl::Line>();
+    auto bytes = std::visit([](auto& wire) { return wire.read_some(read_step); }, wire_);
+    if (!bytes) return tl::unexpected(bytes.error());
+    lines_.add(*bytes);
+  }
+}
+
+Result<void> GrblLink::command(const std::string& text, const Until& until) {
+  if (auto sent = send(text + "\n"); !sent) return sent;
+  for (;;) {
+    auto line = next_line(until);
+    if (!line) return tl::unexpected(line.error());
+    if (!*line) return fail(ErrorCode::timed_out, fmt::format("\"{}\": no answer in time", text));
+    switch ((*line)->kind) {
+      case grbl::Line::Kind::ok:
+        in_step_ = true;
+        return {};
+      case grbl::Line::Kind::error:
+        in_step_ = true;
+        return fail(ErrorCode::refused,
+                    fmt::format("\"{}\": {}", text,
+                                with_meaning((*line)->text, grbl::error_text((*line)->number))));
+      case grbl::Line::Kind::alarm:
+        // A soft limit is followed by silence until a reset: do not wait for an ok.
+        return fail(ErrorCode::refused,
+                    fmt::format("\"{}\": {}", text,
+                                with_meaning((*line)->text, grbl::alarm_text((*line)->number))));
+      case grbl::Line::Kind::banner:
+        return fail(ErrorCode::disconnected,
+                    fmt::format("\"{}\": the controller restarted instead of answering", text));
+      default:
+        break;  // a late status report, a message, a setting: not the answer
+    }
+  }
+}
+
+Result<grbl::StatusReport> GrblLink::status(const Until& until) {
+  if (auto sent = realtime('?'); !sent) return tl::unexpected(sent.error());
+  for (;;) {
+    auto line = next_line(until);
+    if (!line) return tl::unexpected(line.error());
+    if (!*line) return fail(ErrorCode::timed_out, "no status report in time");
+    if ((*line)->kind == grbl::Line::Kind::banner)
+      return fail(ErrorCode::disconnected, "the controller restarted");
+    if ((*line)->kind != grbl::Line::Kind::status) continue;
+    auto report = grbl::parse_status((*line)->text);
+    if (!report) continue;  // damaged on the way: the next poll tells
+    if (report->work_offset) work_offset_ = *report->work_offset;
+    if (!report->machine_position && report->work_position &&
+        report->work_position->size() == work_offset_.size()) {
+      report->machine_position = report->work_position;
+      for (std::size_t i = 0; i < work_offset_.size(); ++i)
+        (*report->machine_position)[i] += work_offset_[i];
+    }
+    if (report->machine_position) return *report;
+    // Work positions without their offset yet: it comes with one of the next reports.
+    if (auto sent = realtime('?'); !sent) return tl::unexpected(sent.error());
+  }
+}
+
+Result<void> GrblLink::reset(const Until& until) {
+  if (auto sent = realtime(soft_reset); !sent) return sent;
+  alarm_ = 0;
+  for (;;) {
+    auto line = next_line(until);
+    if (!line) return tl::unexpected(line.error());
+    if (!*line)
+      return fail(ErrorCode::timed_out,
+                  "no banner: is this port a GRBL controller, and is the baud rate right?");
+    if ((*line)->kind != grbl::Line::Kind::banner) continue;
+    in_step_ = true;
+    return {};
+  }
+}
+
+Result<std::map<int, double>> GrblLink::settings(const Until& until) {
+  std::map<int, double> settings;
+  if (auto sent = send("$$\n"); !sent) return tl::unexpected(sent.error());
+  for (;;) {
+    auto line = next_line(until);
+    if (!line) return tl::unexpected(line.error());
+    if (!*line) return fail(ErrorCode::timed_out, "\"$$\": no answer in time");
+    if ((*line)->kind == grbl::Line::Kind::setting) settings[(*line)->number] = (*line)->value;
+    if ((*line)->kind == grbl::Line::Kind::ok) return settings;
+    if ((*line)->kind == grbl::Line::Kind::error)
+      return fail(ErrorCode::refused, "\"$$\": " + (*line)->text);
+  }
+}
+
+}  // namespace lightrig

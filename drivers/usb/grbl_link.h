@@ -1,0 +1,54 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "drivers/devices.h"
+#include "drivers/usb/cdc_acm.h"
+#include "drivers/usb/grbl_protocol.h"
+#include "drivers/usb/serial_port.h"
+
+namespace lightrig {
+
+/// A conversation with a GRBL controller: one command at a time, every wait ends by answer,
+/// deadline or stop. Reads in steps of 5 ms, so a stop request is seen at once.
+class GrblLink {
+ public:
+  /// Opens the wire and resets the controller, so that nothing queued by an earlier program can
+  /// move; waits for its banner.
+  static Result<GrblLink> open(const GrblGantry& backend, Clock& clock, const Until& until);
+
+  /// Sends a line and waits for its ok. Errors: refused (error:N, ALARM:N with their meaning),
+  /// timed_out, stopped, disconnected.
+  Result<void> command(const std::string& line, const Until& until);
+  /// A real-time byte: never acknowledged, never queued.
+  Result<void> realtime(char byte);
+  /// Asks for a status report and waits for it; the machine position is always filled in.
+  Result<grbl::StatusReport> status(const Until& until);
+  /// Soft reset; every pending ok is void. Waits for the banner.
+  Result<void> reset(const Until& until);
+  /// The controller's $ settings.
+  Result<std::map<int, double>> settings(const Until& until);
+
+  /// ALARM:N seen since the last reset; 0 for none.
+  int alarm() const { return alarm_; }
+
+ private:
+  using Wire = std::variant<CdcAcm, SerialPort>;
+  GrblLink(Wire wire, Clock& clock) : wire_(std::move(wire)), clock_(&clock) {}
+  Result<std::optional<grbl::Line>> next_line(const Until& until);
+  Result<void> send(std::string_view bytes);
+
+  Wire wire_;
+  Clock* clock_;
+  grbl::LineAssembler lines_;
+  std::vector<double> work_offset_;
+  int alarm_ = 0;
+  bool in_step_ =
+      true;  ///< false while an answer is owed: GRBL's answers carry no number to tell them apart
+};
+
+}  // namespace lightrig
