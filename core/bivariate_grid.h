@@ -23,6 +23,10 @@ struct BivariateGrid {
 /// clamped to the grid.
 int cell_of(const BivariateGrid& grid, const HalfDiff& angles);
 
+/// The two indices by themselves; both never decrease with their angle [rad].
+int row_of_theta_h(const BivariateGrid& grid, double theta_h);
+int column_of_theta_d(const BivariateGrid& grid, double theta_d);
+
 /// Angles at the centre of a cell (centre in the warped coordinate), φd = π/2.
 HalfDiff cell_centre(const BivariateGrid& grid, int cell);
 

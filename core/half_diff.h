@@ -21,11 +21,29 @@ struct DirectionPair {
 
 /// Angles of a configuration. n, wi, wo are unit vectors in one frame, wi ≠ −wo (then there is no
 /// half vector: callers drop such a pair). Angles near 0 and π/2 are taken from chords, not from
-/// acos, and keep full precision.
+/// acos, and keep full precision. φd is 0 where it has no meaning (θh = 0 or θd = 0).
 HalfDiff half_diff(const Eigen::Vector3d& n, const Eigen::Vector3d& wi, const Eigen::Vector3d& wo);
 
 /// The configuration with these angles whose half vector has azimuth 0. wi or wo may lie below the
 /// horizon (z < 0).
 DirectionPair directions(const HalfDiff& angles);
+
+/// 4 sin²(θh/2) = |n − h|² of a unit half vector h: the square of the chord, which carries θh at
+/// full precision down to 0.
+inline double half_chord2(double nx, double ny, double nz, double hx, double hy, double hz) {
+  const double x = nx - hx, y = ny - hy, z = nz - hz;
+  return x * x + y * y + z * z;
+}
+
+/// tan²θd = |wi − wo|² / |wi + wo|², which carries θd at full precision near 0 and near π/2.
+inline double difference_tangent2(const Eigen::Vector3d& wi, const Eigen::Vector3d& wo) {
+  const double x = wi.x() - wo.x(), y = wi.y() - wo.y(), z = wi.z() - wo.z();
+  const double a = wi.x() + wo.x(), b = wi.y() + wo.y(), c = wi.z() + wo.z();
+  return (x * x + y * y + z * z) / (a * a + b * b + c * c);
+}
+
+/// θh [rad] of half_chord2, and θd [rad] of difference_tangent2; both never decrease.
+double theta_of_half_chord2(double chord2);
+double theta_of_difference_tangent2(double tangent2);
 
 }  // namespace lightrig

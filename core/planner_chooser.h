@@ -1,0 +1,38 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "core/planner_rows.h"
+
+namespace lightrig {
+
+/// A criterion at work: finds the best next light, and takes it. One per selection; each keeps what
+/// it needs of the lights taken so far.
+class LightChooser {
+ public:
+  virtual ~LightChooser() = default;
+  LightChooser() = default;
+  LightChooser(const LightChooser&) = delete;
+  LightChooser& operator=(const LightChooser&) = delete;
+
+  /// The best of the candidates marked in `open` (candidates), or none where no open one adds a
+  /// cell.
+  virtual Standing best(const std::vector<std::uint8_t>& open) = 0;
+
+  /// Adds a candidate's cells to those seen.
+  virtual void take(int candidate) = 0;
+
+  /// Cells seen so far (cells), 1 = seen.
+  virtual const std::vector<std::uint8_t>& seen() const = 0;
+
+  virtual const SelectionStatistics& statistics() const = 0;
+};
+
+/// Every candidate, every row, from scratch, on one thread: the plain reference of either
+/// criterion.
+std::unique_ptr<LightChooser> make_plain_chooser(const BrdfBasis& basis, const CandidateBins& bins,
+                                                 const SelectionOptions& options);
+
+}  // namespace lightrig
