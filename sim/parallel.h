@@ -1,0 +1,30 @@
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <stop_token>
+#include <thread>
+#include <vector>
+
+namespace lightrig::sim {
+
+/// Threads to use when asked for `threads`; 0 asks for as many as the machine has.
+inline int thread_count(int threads) {
+  const auto machine = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  return threads > 0 ? threads : machine;
+}
+
+/// Runs work(i) for every i in [0, count) on so many threads, all joined on return; a stop request
+/// leaves the rest undone. Which thread takes which i is open: work(i) may depend on i alone.
+template <class Work>
+void in_parallel(int threads, int count, const std::stop_token& stop, const Work& work) {
+  std::atomic<int> next{0};
+  const auto take = [&] {
+    for (int i = next++; i < count && !stop.stop_requested(); i = next++) work(i);
+  };
+  std::vector<std::jthread> helpers;
+  for (int t = 1; t < std::min(threads, count); ++t) helpers.emplace_back(take);
+  take();
+}
+
+}  // namespace lightrig::sim

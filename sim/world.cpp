@@ -1,0 +1,313 @@
+#include "sim/world.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <numbers>
+
+#include "core/check.h"
+#include "sim/parallel.h"
+#include "sim/sensor_noise.h"
+
+namespace lightrig::sim {
+namespace {
+
+constexpr std::size_t most_records = 65536;
+constexpr double homing_speed_share = 0.25;
+
+// Kinds of randomness, so that no two share a key.
+constexpr std::uint64_t noise_of_frame = 1, error_of_lamp = 2;
+
+/// Where an unhomed gantry happens to stand when the laboratory opens.
+GantryPosition parked(const GantryModel& gantry) {
+  GantryPosition position;
+  position.axes.resize(static_cast<Eigen::Index>(gantry.axes.size()));
+  for (std::size_t i = 0; i < gantry.axes.size(); ++i) {
+    const Axis& axis = gantry.axes[i];
+    position.axes[static_cast<Eigen::Index>(i)] = axis.min + 0.3 * (axis.max - axis.min);
+  }
+  return position;
+}
+
+std::string axis_value(const Axis& axis, double value) {
+  return axis.rotary ? fmt::format("{:.4f}°", value * 180 / std::numbers::pi)
+                     : fmt::format("{:.3f} mm", value * 1000);
+}
+
+/// Which axis leaves its travel, with the numbers; "" when none does.
+std::string beyond_limits(const GantryModel& gantry, const GantryPosition& to) {
+  if (to.axes.size() != static_cast<Eigen::Index>(gantry.axes.size())) {
+    return fmt::format("{} axis values for {} axes", to.axes.size(), gantry.axes.size());
+  }
+  for (std::size_t i = 0; i < gantry.axes.size(); ++i) {
+    const Axis& axis = gantry.axes[i];
+    const double value = to.axes[static_cast<Eigen::Index>(i)];
+    if (!(value >= axis.min && value <= axis.max)) {
+      return fmt::format("{} to {} is outside its travel of {} to {}", axis.name,
+                         axis_value(axis, value), axis_value(axis, axis.min),
+                         axis_value(axis, axis.max));
+    }
+  }
+  return "";
+}
+
+}  // namespace
+
+World::World(const Rig& rig, Mesh object, Reflectance truth, Clock& clock, std::uint64_t seed,
+             const RenderOptions& options)
+    : rig_(rig),
+      clock_(clock),
+      seed_(seed),
+      threads_(thread_count(options.threads)),
+      renderer_(std::move(object), rig.camera.model, rig.camera.sensor.filter, std::move(truth),
+                options),
+      dynamics_(rig.gantry.model,
+                ArmModel{rig.simulation->arm_frequency, rig.simulation->arm_damping},
+                parked(rig.gantry.model), clock.now()),
+      lamp_until_(clock.now()) {
+  CHECK(rig.simulation.has_value());
+}
+
+// --- gantry
+
+bool World::homed_at(TimePoint time) const { return homed_from_ && time >= *homed_from_; }
+
+Result<void> World::may_move() const {
+  if (!open_interlocks_.empty()) {
+    return fail(ErrorCode::refused,
+                fmt::format("interlock \"{}\" is open: close it and clear the fault",
+                            *open_interlocks_.begin()));
+  }
+  if (!alarm_.empty()) {
+    return fail(
+        ErrorCode::refused,
+        fmt::format("the drive reports alarm \"{}\": mend the cause and clear the fault", alarm_));
+  }
+  return {};
+}
+
+/// A motion command begins a new count of identical exposures.
+void World::gantry_commanded() { requests_.clear(); }
+
+Result<TimePoint> World::start_homing() {
+  const std::lock_guard lock(mutex_);
+  if (auto allowed = may_move(); !allowed) return tl::unexpected(allowed.error());
+  GantryPosition home;
+  home.axes.resize(static_cast<Eigen::Index>(rig_.gantry.model.axes.size()));
+  for (std::size_t i = 0; i < rig_.gantry.model.axes.size(); ++i) {
+    home.axes[static_cast<Eigen::Index>(i)] = rig_.gantry.model.axes[i].home;
+  }
+  gantry_commanded();
+  homed_from_ = dynamics_.move(clock_.now(), home, homing_speed_share);
+  return *homed_from_;
+}
+
+Result<TimePoint> World::start_move(const GantryPosition& to) {
+  const std::lock_guard lock(mutex_);
+  if (auto allowed = may_move(); !allowed) return tl::unexpected(allowed.error());
+  if (!homed_at(clock_.now())) {
+    return fail(ErrorCode::refused, "the gantry does not know where it is: home it first");
+  }
+  if (const std::string beyond = beyond_limits(rig_.gantry.model, to); !beyond.empty()) {
+    return fail(ErrorCode::refused, beyond);
+  }
+  gantry_commanded();
+  return dynamics_.move(clock_.now(), to);
+}
+
+void World::halt_gantry() {
+  const std::lock_guard lock(mutex_);
+  const TimePoint now = clock_.now();
+  if (homed_from_ && now < *homed_from_) homed_from_.reset();
+  if (!dynamics_.at(now).moving) return;
+  gantry_commanded();
+  dynamics_.halt(now);
+}
+
+Result<void> World::clear_fault() {
+  const std::lock_guard lock(mutex_);
+  if (!open_interlocks_.empty()) {
+    return fail(ErrorCode::refused, fmt::format("interlock \"{}\" is still open: close it first",
+                                                *open_interlocks_.begin()));
+  }
+  alarm_.clear();
+  return {};
+}
+
+GantryStatus World::gantry_status() const {
+  const std::lock_guard lock(mutex_);
+  const TimePoint now = clock_.now();
+  const GantryMotionState motion = dynamics_.at(now);
+  GantryStatus status;
+  status.position.axes = motion.position;
+  status.homed = homed_at(now);
+  status.at_rest = !motion.moving;
+  status.alarm = alarm_;
+  status.open_interlocks.assign(open_interlocks_.begin(), open_interlocks_.end());
+  return status;
+}
+
+void World::set_interlock(const std::string& name, bool open) {
+  if (open) halt_gantry();
+  const std::lock_guard lock(mutex_);
+  if (open) {
+    open_interlocks_.insert(name);
+  } else {
+    open_interlocks_.erase(name);
+  }
+}
+
+void World::raise_alarm(const std::string& text) {
+  halt_gantry();
+  const std::lock_guard lock(mutex_);
+  alarm_ = text;
+}
+
+// --- lamp
+
+Result<void> World::set_lamp(double power) {
+  const std::lock_guard lock(mutex_);
+  if (!(power >= 0 && power <= rig_.lamp.max_power)) {
+    return fail(ErrorCode::refused,
+                fmt::format("lamp power {:.4g} is outside 0 to the rig's maximum of {:.4g}", power,
+                            rig_.lamp.max_power));
+  }
+  lamp_power_ = power == 0 ? 0 : power;  // −0 would be another key for the same darkness
+  lamp_until_ = clock_.now() + rig_.lamp.max_on_time;
+  return {};
+}
+
+double World::lamp_power() const {
+  const std::lock_guard lock(mutex_);
+  return clock_.now() < lamp_until_ ? lamp_power_ : 0;
+}
+
+// --- camera
+
+std::vector<std::uint64_t> World::position_words(const GantryPosition& drives) const {
+  std::vector<std::uint64_t> words;
+  for (const double value : drives.axes) {
+    const std::int64_t steps = std::llround(value * 1e9);  // of a nanometre or nanoradian
+    words.push_back(static_cast<std::uint64_t>(steps));
+  }
+  return words;
+}
+
+/// Where the lamp is: on the deflected arm, off by an error that is fixed for each position.
+LightPosition World::true_light(const GantryMotionState& motion) const {
+  const GantryModel& gantry = rig_.gantry.model;
+  GantryPosition lamp;
+  lamp.axes = motion.position + motion.deflection;
+  LightPosition light = light_at(gantry, lamp);
+  const double rms = rig_.simulation->lamp_position_error;
+  if (rms <= 0) return light;
+  GantryPosition drives;
+  drives.axes = motion.position;
+  std::vector<std::uint64_t> words = position_words(drives);
+  words.push_back(error_of_lamp);
+  const PhiloxKey key = derive_key(seed_, words);
+  const Eigen::Vector3d error =
+      Eigen::Vector3d(standard_normal(0, key), standard_normal(1, key), standard_normal(2, key)) *
+      (rms / std::sqrt(3.0));
+  if (!light.distant) {
+    light.p += error;
+  } else {
+    // A distant lamp's error is the angle that the same error makes on the arm it stands for.
+    const double arm_length =
+        std::visit([](const auto& kinematics) { return kinematics.radius; }, gantry.kinematics);
+    if (arm_length > 0) light.p = (light.p + error / arm_length).normalized();
+  }
+  return light;
+}
+
+SceneMoment World::look() const {
+  const std::lock_guard lock(mutex_);
+  SceneMoment moment;
+  moment.time = clock_.now();
+  const GantryMotionState motion = dynamics_.at(moment.time);
+  moment.drives.axes = motion.position;
+  moment.moving = motion.moving;
+  moment.light = true_light(motion);
+  moment.lamp_power = moment.time < lamp_until_ ? lamp_power_ : 0;
+  return moment;
+}
+
+/// Radiance on the sites: the lamp's share is shaded once per lamp position and scaled.
+Result<SiteRadiance> World::radiance_at(const SceneMoment& moment, const std::stop_token& stop) {
+  const CameraModel& camera = rig_.camera.model;
+  const auto sites =
+      static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  SiteRadiance radiance(sites, 0.0F);
+  if (moment.lamp_power > 0) {
+    const std::lock_guard lock(render_mutex_);
+    const bool known = shaded_ && shaded_->first.distant == moment.light.distant &&
+                       shaded_->first.p == moment.light.p;
+    if (!known) {
+      auto image = renderer_.render(moment.light, rig_.lamp.strength, stop);
+      if (!image) return fail(ErrorCode::stopped, "the exposure was stopped");
+      shaded_.emplace(moment.light, std::move(*image));
+      ++renders_;
+    }
+    const auto power = static_cast<float>(moment.lamp_power);
+    std::transform(shaded_->second.begin(), shaded_->second.end(), radiance.begin(),
+                   [power](float lit) { return power * lit; });
+  }
+  const Eigen::Array3d& ambient = rig_.simulation->ambient;
+  if ((ambient > 0).any()) {
+    std::size_t site = 0;
+    for (int row = 0; row < camera.height; ++row) {
+      for (int column = 0; column < camera.width; ++column, ++site) {
+        const int channel = channel_at(rig_.camera.sensor.filter, row, column);
+        radiance[site] += static_cast<float>(ambient[channel]);
+      }
+    }
+  }
+  return radiance;
+}
+
+Result<Frame> World::expose(const SceneMoment& moment, double exposure,
+                            const std::stop_token& stop) {
+  const SensorModel& sensor = rig_.camera.sensor;
+  if (!(exposure >= sensor.min_exposure && exposure <= sensor.max_exposure)) {
+    return fail(ErrorCode::refused,
+                fmt::format("exposure {:.6g} s is outside the camera's {:.6g} to {:.6g} s",
+                            exposure, sensor.min_exposure, sensor.max_exposure));
+  }
+  const Result<SiteRadiance> radiance = radiance_at(moment, stop);
+  if (!radiance) return tl::unexpected(radiance.error());
+
+  Frame frame;
+  frame.exposure = exposure;
+  std::vector<std::uint64_t> words = position_words(moment.drives);
+  {
+    const std::lock_guard lock(mutex_);
+    const std::uint64_t repeat = requests_[{moment.lamp_power, exposure}]++;
+    frame.id = ++frames_;
+    records_.push_back({frame.id, exposure, repeat, moment});
+    if (records_.size() > most_records) records_.pop_front();
+    words.insert(words.end(), {noise_of_frame, std::bit_cast<std::uint64_t>(moment.lamp_power),
+                               std::bit_cast<std::uint64_t>(exposure), take_, repeat});
+  }
+  frame.counts = expose_sensor(sensor, rig_.camera.model.width, rig_.camera.model.height, *radiance,
+                               exposure, derive_key(seed_, words), threads_);
+  return frame;
+}
+
+void World::set_take(std::uint64_t take) {
+  const std::lock_guard lock(mutex_);
+  take_ = take;
+}
+
+std::vector<ExposureRecord> World::records() const {
+  const std::lock_guard lock(mutex_);
+  return {records_.begin(), records_.end()};
+}
+
+std::int64_t World::renders() const {
+  const std::lock_guard lock(render_mutex_);
+  return renders_;
+}
+
+}  // namespace lightrig::sim
