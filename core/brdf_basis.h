@@ -52,6 +52,9 @@ struct BrdfBasis {
   Eigen::VectorXd y_min, y_max;  ///< (rows): training range, to clip exponents to
   double model_sigma =
       0.15;  ///< standard deviation of what the basis cannot say of unseen materials, mapped units
+  /// How much that differs between materials: standard deviation, over held-out materials, of the
+  /// ln of their rms residual. Widens the interval of a predicted error.
+  double model_sigma_spread = 0.4;
   double variance_captured = 0;  ///< [0, 1] by the k components
   int materials = 0;
   std::string source;
@@ -68,8 +71,11 @@ struct BasisOptions {
   Mapping mapping = Mapping::ln_floor;
   double floor = 1e-4;  ///< [1/sr]
   int components = 0;   ///< 0: all that the data support (columns − 1)
-  /// Hold-out folds for model_sigma (leave-materials-out); 0 leaves the default.
+  /// Hold-out folds for model_sigma (leave-materials-out); 0 leaves the default. Folds are over
+  /// materials, never over the channels of one: material i is in fold i mod sigma_folds.
   int sigma_folds = 5;
+  /// 0: as many channels as the materials have; 1: the mean of their channels (a mono camera).
+  int channels = 0;
 };
 
 /// PCA of the materials. Errors: invalid_input when the grids differ, fewer than 2 materials, or
@@ -81,7 +87,10 @@ Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOpt
 BrdfBasis truncated(const BrdfBasis& basis, Eigen::Index k);
 
 /// mean + V c per channel, unmapped, exponents clipped to the training range; NaN in invalid cells.
-/// c is (k × 1) for a stacked basis, (k × C) for columns. `clipped` counts the cells that were.
+/// Column basis: c is (k × C), C any number of channels. Stacked basis: c is (k × 1), one vector
+/// for all channels solved jointly, or (k × channels), where channel j is its own block of rows
+/// times column j (each channel solved by itself, as in the paper's tables). `clipped` counts the
+/// cells × channels that were.
 BrdfTable evaluate(const BrdfBasis& basis, const Eigen::MatrixXd& c, int* clipped = nullptr);
 
 }  // namespace lightrig

@@ -18,10 +18,15 @@ struct FitOptions {
   Estimator estimator = Estimator::map;
   double model_sigma = 0;  ///< mapped units; 0 takes the basis'
   bool use_censored = true;
-  double outlier_sigma = 0;  ///< > 0: Huber weight on residuals beyond it
+  double outlier_sigma = 0;  ///< > 0: Huber weight on residuals beyond it (map)
 };
 
 /// Coefficients of the basis with their uncertainty.
+///
+/// Column basis: c is (k × C), each channel fitted by itself. Stacked basis: MAP solves all
+/// channels jointly, c is (k × 1); the pseudo-inverse solves each channel by itself with its own
+/// block of rows, as the paper's tables do, and c is (k × C). evaluate() and reconstruct() take
+/// either.
 struct Coefficients {
   Eigen::MatrixXd c;                        ///< (k × 1) stacked solved jointly, else (k × C)
   std::vector<Eigen::MatrixXd> covariance;  ///< one (k × k) per column of c
@@ -30,8 +35,10 @@ struct Coefficients {
   int rank = 0;  ///< least over channels
 };
 
-/// Fits the observations of all lights together. Channels without any row keep the prior mean (map)
-/// or zero, and say so by their covariance. With channels = 1 (mono) one column is fitted.
+/// Fits the observations of all lights together. Rows of one cell and channel seen under several
+/// lights become one. A row's variance is its measured noise, carried through the mapping, plus
+/// model_sigma². Channels without any row keep the prior mean and the prior's covariance. With
+/// channels = 1 (mono) one column is fitted; a stacked basis must have as many channels.
 Coefficients fit(const BrdfBasis& basis, std::span<const BrdfObservations> lights, int channels,
                  const FitOptions& options);
 
@@ -45,8 +52,10 @@ struct Reconstruction {
 };
 Reconstruction reconstruct(const BrdfBasis& basis, const Coefficients& coefficients);
 
-/// The predicted error before any measurement, from cells alone; used by the planner.
-/// 100·√(trace)/‖E ln f‖.
+/// The percentage error expected of an estimate with this posterior; needs no measurement, so the
+/// planner uses it with c = 0. 100·√(E‖ln f̂ − ln f‖² / E‖ln f‖²): the numerator is the trace of the
+/// posterior over the grid and channels plus what the basis cannot say (model_sigma²), the
+/// denominator ‖ln f̂‖² plus the same. One covariance per column of c.
 double predicted_error_percent(const BrdfBasis& basis, std::span<const Eigen::MatrixXd> covariance,
                                const Eigen::MatrixXd& c);
 

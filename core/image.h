@@ -25,12 +25,14 @@ struct RadianceImage {
   enum class Site : std::uint8_t {
     measured,   ///< L and variance hold
     saturated,  ///< even the shortest exposure is: L is a lower bound
-    dark,       ///< even the longest stays under its noise: L is an upper bound
+    dark,       ///< even the whole bracket stays under its noise: L and variance are an estimate
+                ///< without bias (it may be negative) for whoever averages over sites; alone the
+                ///< site says only that the radiance is below L + detection_sigma · √variance
   };
   int width = 0, height = 0;
   ColorFilter filter = ColorFilter::mono;
   std::vector<float> L;         ///< (height · width) [W m⁻² sr⁻¹]
-  std::vector<float> variance;  ///< the same squared; infinite where not measured
+  std::vector<float> variance;  ///< the same squared; infinite where saturated
   std::vector<Site> site;       ///< (height · width)
 };
 

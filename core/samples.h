@@ -21,16 +21,19 @@ struct BrdfObservation {
   std::int32_t cell = 0;
   std::int8_t channel = 0;
   Kind kind = Kind::value;
-  std::int32_t count = 0;  ///< sites averaged
+  std::int32_t count = 0;  ///< sites averaged (`above`: saturated sites)
   double f = 0;            ///< [1/sr]
-  double variance =
-      0;  ///< [1/sr²] of f: sensor noise of the mean, plus the spread within the cell over count
+  double variance = 0;  ///< [1/sr²] of f, values only: the larger of sensor noise of the mean and
+                        ///< scatter of the sites within the cell over count
 };
 
 /// What extraction passed over.
 struct ExtractionStatistics {
-  std::int64_t sites = 0, unlit = 0, shadowed = 0, grazing = 0, invalid_cell = 0, saturated = 0,
-               dark = 0;
+  std::int64_t sites = 0, unlit = 0, shadowed = 0, grazing = 0, invalid_cell = 0;
+  std::int64_t saturated = 0, dark = 0;  ///< of the sites used
+  /// Pixels that mix two radiances: at a silhouette, a step in depth or the edge of a shadow.
+  std::int64_t boundary = 0;
+  std::int64_t off_image = 0;  ///< vertices that project outside the image
 };
 
 struct BrdfObservations {
@@ -41,13 +44,18 @@ struct BrdfObservations {
 struct ExtractOptions {
   GrazingLimits limits;
   Eigen::Array3d lamp_strength =
-      Eigen::Array3d::Ones();  ///< [W/sr] near, [W/m²] distant, per channel
+      Eigen::Array3d::Ones();    ///< [W/sr] near, [W/m²] distant, per channel
+  double detection_sigma = 3.0;  ///< a cell whose mean is below this many sigmas is `below`
+  bool drop_mixed = true;        ///< leave out pixels at silhouettes and edges of shadows
   int threads = 1;
 };
 
-/// f = L / (E cos θi) at every surface point's site, per cell. `ambient` (lamp off) is subtracted
-/// where given. Points must come from pixels, or project to the nearest site. Shadowed points are
-/// told by `occluder`.
+/// f = L / (E cos θi) at every surface point's site, averaged per cell as ΣL/ΣE cos θi: weights by
+/// geometry alone, which noise that follows the signal cannot bias. `ambient` (lamp off) is
+/// subtracted where given. Points must come from pixels, or project to the nearest site. Shadowed
+/// points are told by `occluder`. Dark sites count with their estimate; a cell is `below` only when
+/// its whole mean is under its noise (f = upper bound), and `above` when most of its sites are
+/// saturated (f = lower bound). The result does not depend on `threads`.
 BrdfObservations extract(const RadianceImage& image, const RadianceImage* ambient,
                          const SurfacePoints& points, const CameraModel& camera,
                          const LightPosition& light, const BivariateGrid& grid,
