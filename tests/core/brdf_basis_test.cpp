@@ -1,0 +1,165 @@
+#include "core/brdf_basis.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/QR>
+#include <algorithm>
+
+#include "core/brdf_error.h"
+#include "synthetic_materials.h"
+
+namespace lightrig {
+namespace {
+
+const BivariateGrid small_grid{12, 10};
+
+BrdfBasis basis_of(const std::vector<Material>& materials, BasisOptions options = {}) {
+  Result<BrdfBasis> basis = make_basis(materials, options);
+  EXPECT_TRUE(basis.has_value()) << basis.error().message;
+  return std::move(*basis);
+}
+
+TEST(MakeBasis, HasOrthonormalColumnsAndDescendingDeviations) {
+  const BrdfBasis basis = basis_of(synthetic_materials(15, small_grid, 1));
+  const Eigen::MatrixXd I = basis.V.transpose() * basis.V;
+  EXPECT_LT((I - Eigen::MatrixXd::Identity(I.rows(), I.cols())).cwiseAbs().maxCoeff(), 1e-12);
+  EXPECT_EQ(basis.components(), 44);
+  EXPECT_TRUE(std::is_sorted(basis.stddev.begin(), basis.stddev.end(), std::greater<>()));
+  EXPECT_NEAR(basis.variance_captured, 1, 1e-9);
+}
+
+TEST(MakeBasis, SaysAnyTrainingMaterialExactlyInBothLayouts) {
+  const std::vector<Material> materials = synthetic_materials(15, small_grid, 2);
+  for (const ChannelLayout layout : {ChannelLayout::columns, ChannelLayout::stacked}) {
+    BasisOptions options;
+    options.layout = layout;
+    const BrdfBasis basis = basis_of(materials, options);
+    const BrdfTable& truth = materials[4].table;
+    Eigen::MatrixXd y(basis.rows(), layout == ChannelLayout::stacked ? 1 : 3);
+    for (int channel = 0; channel < 3; ++channel) {
+      for (int cell = 0; cell < small_grid.cells(); ++cell) {
+        const Eigen::Index row = basis.row(cell, channel);
+        y(row, layout == ChannelLayout::stacked ? 0 : channel) =
+            map_value(basis.mapping, cell, truth.f(cell, channel)) - basis.mean[row];
+      }
+    }
+    const BrdfTable back = evaluate(basis, basis.V.transpose() * y);
+    EXPECT_LT(brdf_error(back, truth, 1e-4).percent_log, 1e-8);
+  }
+}
+
+TEST(MakeBasis, GivesTheSameBasisTwiceWithFixedSigns) {
+  const std::vector<Material> materials = synthetic_materials(9, small_grid, 3);
+  const BrdfBasis a = basis_of(materials), b = basis_of(materials);
+  EXPECT_TRUE(a.V == b.V);
+  for (Eigen::Index i = 0; i < a.components(); ++i) {
+    Eigen::Index largest = 0;
+    a.V.col(i).cwiseAbs().maxCoeff(&largest);
+    EXPECT_GT(a.V(largest, i), 0);
+  }
+}
+
+TEST(MakeBasis, FindsModelSigmaAsAPlainLeaveMaterialsOutProjectionDoes) {
+  const std::vector<Material> materials = synthetic_materials(10, small_grid, 4);
+  BasisOptions options;
+  options.sigma_folds = 5;
+  const BrdfBasis basis = basis_of(materials, options);
+  double squares = 0;
+  int count = 0;
+  for (std::size_t fold = 0; fold < 5; ++fold) {
+    std::vector<Material> rest;
+    for (std::size_t i = 0; i < 10; ++i) {
+      if (i % 5 != fold) rest.push_back(materials[i]);
+    }
+    BasisOptions plain;
+    plain.sigma_folds = 0;
+    const BrdfBasis without = basis_of(rest, plain);
+    for (std::size_t i = fold; i < 10; i += 5) {
+      for (int channel = 0; channel < 3; ++channel) {
+        Eigen::VectorXd y(small_grid.cells());
+        for (int cell = 0; cell < small_grid.cells(); ++cell) {
+          y[cell] = std::log(materials[i].table.f(cell, channel)) - without.mean[cell];
+        }
+        const Eigen::VectorXd c = without.V.colPivHouseholderQr().solve(y);
+        squares += (y - without.V * c).squaredNorm();
+        count += small_grid.cells();
+      }
+    }
+  }
+  EXPECT_NEAR(basis.model_sigma, std::sqrt(squares / count), 1e-9);
+  EXPECT_GT(basis.model_sigma, 0.005);
+}
+
+TEST(MakeBasis, MasksCellsThatAnyMaterialLacks) {
+  std::vector<Material> materials = synthetic_materials(6, small_grid, 5);
+  materials[3].table.f(17, 1) = NAN;
+  const BrdfBasis basis = basis_of(materials);
+  EXPECT_EQ(basis.valid[17], 0);
+  EXPECT_EQ(std::count(basis.valid.begin(), basis.valid.end(), 0), 1);
+  EXPECT_EQ(basis.V.row(17).norm(), 0);
+  EXPECT_TRUE(std::isnan(evaluate(basis, Eigen::MatrixXd::Zero(basis.components(), 3)).f(17, 0)));
+}
+
+TEST(MakeBasis, ToleratesRepeatedMaterialsByLosingTheirComponents) {
+  std::vector<Material> materials = synthetic_materials(6, small_grid, 6);
+  materials.push_back(materials[0]);
+  materials.push_back(materials[1]);
+  const BrdfBasis basis = basis_of(materials);
+  EXPECT_EQ(basis.components(), 17);  // 6 × 3 distinct columns less the mean
+  BasisOptions more;
+  more.components = 20;
+  EXPECT_THAT(make_basis(materials, more).error().message, testing::HasSubstr("span only 17"));
+}
+
+TEST(MakeBasis, RefusesTooFewMaterialsTooManyComponentsAndMixedGrids) {
+  std::vector<Material> materials = synthetic_materials(4, small_grid, 7);
+  EXPECT_THAT(make_basis(std::span(materials).first(1), {}).error().message,
+              testing::HasSubstr("at least 2 materials"));
+  BasisOptions options;
+  options.layout = ChannelLayout::stacked;
+  options.components = 4;
+  EXPECT_THAT(make_basis(materials, options).error().message,
+              testing::HasSubstr("support at most 3"));
+  materials[2] = synthetic_materials(1, {6, 5}, 8)[0];
+  EXPECT_THAT(make_basis(materials, {}).error().message, testing::HasSubstr("different grids"));
+}
+
+TEST(Truncated, KeepsTheLeadingComponentsAndOwnsUpToWhatItDropped) {
+  const std::vector<Material> materials = synthetic_materials(15, small_grid, 9);
+  const BrdfBasis whole = basis_of(materials);
+  const BrdfBasis five = truncated(whole, 5);
+  EXPECT_TRUE(five.V == whole.V.leftCols(5));
+  EXPECT_GT(five.model_sigma, whole.model_sigma);
+  BasisOptions options;
+  options.components = 5;
+  EXPECT_NEAR(five.variance_captured, basis_of(materials, options).variance_captured, 1e-9);
+}
+
+TEST(Mapping, EachComesBackAndItsSlopeIsItsDerivative) {
+  for (const Mapping kind : {Mapping::ln_floor, Mapping::ln_offset, Mapping::log_relative}) {
+    LogMapping mapping{kind, 1e-3, Eigen::ArrayXd::Constant(1, 0.3),
+                       Eigen::ArrayXd::Constant(1, 0.07)};
+    for (const double f : {2e-3, 0.1, 5.0, 3e4}) {
+      EXPECT_NEAR(unmap_value(mapping, 0, map_value(mapping, 0, f)) / f, 1, 1e-12);
+      const double h = 1e-5 * f;
+      const double slope = (map_value(mapping, 0, f + h) - map_value(mapping, 0, f - h)) / (2 * h);
+      EXPECT_NEAR(map_slope(mapping, 0, f) / slope, 1, 1e-8);
+    }
+    EXPECT_TRUE(std::isfinite(map_value(mapping, 0, 0)));
+    EXPECT_TRUE(std::isfinite(map_value(mapping, 0, -1)));
+  }
+}
+
+TEST(Evaluate, ClipsExponentsToTheTrainingRangeAndCountsThem) {
+  const BrdfBasis basis = basis_of(synthetic_materials(8, small_grid, 10));
+  Eigen::MatrixXd c = Eigen::MatrixXd::Zero(basis.components(), 3);
+  c(0, 1) = 1e6;  // would overflow exp
+  int clipped = 0;
+  const BrdfTable table = evaluate(basis, c, &clipped);
+  EXPECT_GT(clipped, 0);
+  EXPECT_TRUE(table.f.isFinite().all());
+}
+
+}  // namespace
+}  // namespace lightrig
