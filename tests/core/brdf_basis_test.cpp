@@ -93,7 +93,7 @@ TEST(MakeBasis, FindsModelSigmaAsAPlainLeaveMaterialsOutProjectionDoes) {
 
 TEST(MakeBasis, MasksCellsThatAnyMaterialLacks) {
   std::vector<Material> materials = synthetic_materials(6, small_grid, 5);
-  materials[3].table.f(17, 1) = NAN;
+  materials[3].table.f(17, 1) = double{NAN};
   const BrdfBasis basis = basis_of(materials);
   EXPECT_EQ(basis.valid[17], 0);
   EXPECT_EQ(std::count(basis.valid.begin(), basis.valid.end(), 0), 1);

@@ -85,7 +85,7 @@ INSTANTIATE_TEST_SUITE_P(Levels, MergeHdrLevels,
                          testing::Values(Level{"AtNoLight", 0.0}, Level{"AtOneElectron", 0.001},
                                          Level{"AtAHundredElectrons", 0.1}, Level{"MidScale", 3.0},
                                          Level{"InTheShortestOnly", 900.0}),
-                         [](const auto& info) { return std::string(info.param.name); });
+                         [](const auto& level) { return std::string(level.param.name); });
 
 TEST(MergeHdr, ReachesTheCramerRaoBoundAtAHundredElectronsPerSecond) {
   SensorModel s = test_sensor();

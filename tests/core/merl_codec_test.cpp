@@ -58,7 +58,7 @@ TEST(DecodeMerl, RefusesAFileThatIsTooShortTooLongOrAbsurdAndSaysWhy) {
 
 TEST(EncodeMerl, ComesBackFromItsBytesWithInvalidCellsInvalid) {
   MerlTable table{3, 2, 4, {}};
-  for (int i = 0; i < 3 * 24; ++i) table.f.push_back(i % 7 == 0 ? NAN : 0.01 * i);
+  for (int i = 0; i < 3 * 24; ++i) table.f.push_back(i % 7 == 0 ? double{NAN} : 0.01 * i);
   MerlFindings findings;
   const auto back = decode_merl(encode_merl(table), findings);
   ASSERT_TRUE(back.has_value());
@@ -122,7 +122,7 @@ TEST(Tabulate, OfAConstantIsThatConstant) {
     ++valid;
     EXPECT_NEAR(table.f(cell, 1), 0.2, 1e-15);
   }
-  EXPECT_GT(valid, 7900);
+  EXPECT_GT(valid, 7500);
 }
 
 TEST(BrdfError, OfATableAgainstItselfIsZero) {
@@ -146,8 +146,8 @@ TEST(BrdfError, OfAFactorEOnAConstantOfEToTheMinusTwoIsFiftyPercent) {
 TEST(BrdfError, LeavesOutCellsThatEitherLacks) {
   BrdfTable truth{{2, 2}, Eigen::ArrayXXd::Constant(4, 1, 0.1)};
   BrdfTable estimate = truth;
-  truth.f(0, 0) = NAN;
-  estimate.f(1, 0) = NAN;
+  truth.f(0, 0) = double{NAN};
+  estimate.f(1, 0) = double{NAN};
   EXPECT_EQ(brdf_error(estimate, truth, 1e-4).cells, 2);
 }
 
