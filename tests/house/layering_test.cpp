@@ -123,7 +123,10 @@ TEST(Layering, ARoomSeesOnlyTheThirdPartyHeadersOfItsTable) {
   for (const Room& room : rooms) {
     for (const fs::path& file : sources_of(root() / room.folder)) {
       std::vector<std::string> allowed = everywhere;
-      const auto& table = file.extension() == ".h" ? room.headers : room.sources;
+      // A header in an optional part's folder is private to that folder (tested below), as a source
+      // is.
+      const bool is_public = file.extension() == ".h" && file.parent_path() == root() / room.folder;
+      const auto& table = is_public ? room.headers : room.sources;
       allowed.insert(allowed.end(), table.begin(), table.end());
       for (const Include& include : includes_of(file)) {
         if (include.quoted || is_standard(include.header)) continue;
@@ -133,11 +136,26 @@ TEST(Layering, ARoomSeesOnlyTheThirdPartyHeadersOfItsTable) {
   }
 }
 
+TEST(Layering, AnOptionalPartsHeadersAreSeenInItsOwnFolderOnly) {
+  for (const Room& room : rooms) {
+    for (const fs::path& file : sources_of(root() / room.folder)) {
+      for (const Include& include : includes_of(file)) {
+        if (!include.quoted || !include.header.starts_with(room.folder + "/")) continue;
+        const fs::path part = fs::path(include.header).parent_path();
+        if (part == room.folder) continue;
+        EXPECT_EQ(fs::relative(file.parent_path(), root()), part) << place(include);
+      }
+    }
+  }
+}
+
 TEST(Layering, EmbreeHasOneOwner) {
-  for (const fs::path& file : sources_of(root() / "core"))
-    for (const Include& include : includes_of(file))
-      if (include.header.starts_with("embree3/"))
-        EXPECT_EQ(file.filename(), "occlusion.cpp") << place(include);
+  for (const fs::path& file : sources_of(root() / "core")) {
+    for (const Include& include : includes_of(file)) {
+      if (!include.header.starts_with("embree3/")) continue;
+      EXPECT_EQ(file.filename(), "occlusion.cpp") << place(include);
+    }
+  }
 }
 
 TEST(Layering, TheSimulatedWorldsShadingSharesNoAngleCodeWithExtractionAndFitting) {
