@@ -82,8 +82,9 @@ PhiloxKey derive_key(std::uint64_t seed, std::span<const std::uint64_t> words) {
 }
 
 double uniform_open(std::uint32_t high, std::uint32_t low) {
-  const std::uint64_t bits = (std::uint64_t{high} << 21) ^ (low >> 11);
-  return (static_cast<double>(bits) + 0.5) * 0x1p-53;
+  // 52 bits, because with 53 the half added to the largest would round up to 1.
+  const std::uint64_t bits = (std::uint64_t{high} << 20) ^ (low >> 12);
+  return (static_cast<double>(bits) + 0.5) * 0x1p-52;
 }
 
 double poisson(double mean, std::uint32_t stream, PhiloxKey key) {

@@ -15,7 +15,7 @@ PhiloxCounter philox(PhiloxCounter counter, PhiloxKey key);
 /// A key that depends on the seed and on every word (Philox used as a keyed mixing function).
 PhiloxKey derive_key(std::uint64_t seed, std::span<const std::uint64_t> words);
 
-/// Uniform in (0, 1): 53 bits, never 0 or 1.
+/// Uniform in (0, 1): 52 bits, never 0 or 1.
 double uniform_open(std::uint32_t high, std::uint32_t low);
 
 /// Poisson variate with this mean, exact for every mean ≥ 0: inversion below 10, Hörmann's
