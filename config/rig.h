@@ -8,6 +8,7 @@
 #include <variant>
 #include <vector>
 
+#include "config/controller_profile.h"
 #include "config/session_spec.h"
 #include "core/camera_model.h"
 #include "core/gantry_model.h"
@@ -63,10 +64,14 @@ struct ModbusDrive {
   std::string axis;
   int unit = 1;
   std::variant<TcpEndpoint, SerialEndpoint> endpoint;
+  double counts_per_si = 0;   ///< drive counts per radian (or metre); negative turns the sense
+  double zero = 0;            ///< [rad] or [m]: axis position where the drive says 0 counts
+  double counts_per_rev = 0;  ///< of the motor; 0 where the profile needs none
 };
 /// A gantry whose drives speak Modbus as a controller profile describes.
 struct ModbusGantry {
   std::filesystem::path profile;    ///< resolved path of config/controllers/NAME.toml
+  ControllerProfile controller;     ///< what that file says
   std::vector<ModbusDrive> drives;  ///< one per axis, in axis order
   std::chrono::milliseconds timeout{500};
 };

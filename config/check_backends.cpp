@@ -1,0 +1,197 @@
+#include "config/check_backends.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "config/suggest.h"
+
+namespace lightrig {
+namespace {
+
+const std::vector<std::string> grbl_outputs = {"spindle", "flood", "mist"};
+const std::vector<std::string> grbl_inputs = {"door", "hold", "reset", "probe"};
+
+std::string list_of(const std::vector<std::string>& names) {
+  return names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "));
+}
+
+template <class T>
+std::vector<std::string> names_of(const std::map<std::string, T>& map) {
+  std::vector<std::string> names;
+  for (const auto& [name, value] : map) names.push_back(name);
+  return names;
+}
+
+// Every axis of the gantry is moved by exactly one of `links` (drives, or G-code letters).
+void check_links(const Section& gantry, const std::vector<const Section*>& links,
+                 const Section& backend, const char* link, Findings& findings) {
+  std::map<std::string, const Section*> seen;
+  for (const Section* one : links) {
+    if (!one->has("axis")) continue;
+    const auto [at, first] = seen.emplace(one->text("axis"), one);
+    if (!first)
+      findings.error(one->at("axis"),
+                     fmt::format("axis \"{}\" has two tables [[{}.{}]]; the first "
+                                 "is in line {}",
+                                 one->text("axis"), backend.path, link, at->second->place.line));
+  }
+  for (const Section* axis : gantry.all("axis"))
+    if (axis->has("name") && !links.empty() && !seen.contains(axis->text("name")))
+      findings.error(backend.place, fmt::format("nothing moves axis \"{}\": add a [[{}.{}]] table",
+                                                axis->text("name"), backend.path, link));
+}
+
+// Drives on one serial line must agree about it, and no two may answer to one number.
+void check_lines(const std::vector<const Section*>& drives, Findings& findings) {
+  const std::vector<std::string> settings = {"baud", "parity", "data_bits", "stop_bits", "rs485"};
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      const Section &a = *drives[j], &b = *drives[i];
+      const bool serial =
+          a.has("device") && b.has("device") && a.text("device") == b.text("device");
+      const bool tcp = a.has("host") && b.has("host") && a.text("host") == b.text("host") &&
+                       a.has("port") && b.has("port") && a.integer("port") == b.integer("port");
+      if (!serial && !tcp) continue;
+      if (a.has("unit") && b.has("unit") && a.integer("unit") == b.integer("unit"))
+        findings.error(b.at("unit"), fmt::format("unit {} on this wire is already in use, in line "
+                                                 "{}",
+                                                 b.integer("unit"), a.at("unit").line));
+      if (!serial) continue;
+      for (std::size_t k = 0; k < b.cells.size(); ++k) {
+        const Cell &ca = a.cells[k], &cb = b.cells[k];
+        const bool setting = std::ranges::find(settings, cb.spec->name) != settings.end();
+        if (setting && ca.value != cb.value)
+          findings.error(cb.given ? cb.place : b.place,
+                         fmt::format("{} differs from what line {} says of the same serial line {}",
+                                     cb.spec->name, ca.place.line, to_toml(b.text("device"))));
+      }
+    }
+  }
+}
+
+bool uses(const ControllerProfile& profile, RawUnit unit) {
+  return std::ranges::any_of(profile.move.writes,
+                             [&](const ProfileWrite& w) { return w.item.unit == unit; });
+}
+
+void check_drive_limits(const Section& gantry, const Section& drive,
+                        const ControllerProfile& profile, Findings& findings) {
+  if (!drive.has("axis") || !drive.has("counts_per_deg")) return;
+  for (const Section* axis : gantry.all("axis")) {
+    if (!axis->has("name") || axis->text("name") != drive.text("axis")) continue;
+    const double per_rad = drive.number("counts_per_deg");
+    if (axis->has("max_speed_deg_per_s") && profile.limits.max_speed) {
+      const double speed = std::abs(per_rad) * axis->number("max_speed_deg_per_s");
+      if (speed > *profile.limits.max_speed)
+        findings.error(axis->at("max_speed_deg_per_s"),
+                       fmt::format("this is {:g} counts/s; {} takes at most {:g}", speed,
+                                   profile.name, *profile.limits.max_speed));
+    }
+    const bool bounded = profile.limits.min_position || profile.limits.max_position;
+    if (!bounded || !drive.has("zero_deg")) continue;
+    for (const char* key : {"min_deg", "max_deg"}) {
+      if (!axis->has(key)) continue;
+      const double counts = (axis->number(key) - drive.number("zero_deg")) * per_rad;
+      if ((profile.limits.min_position && counts < double(*profile.limits.min_position)) ||
+          (profile.limits.max_position && counts > double(*profile.limits.max_position)))
+        findings.error(axis->at(key),
+                       fmt::format("this is {:.0f} counts, outside of what {} can hold", counts,
+                                   profile.name));
+    }
+  }
+}
+
+void check_modbus(const Section& gantry, const ControllerProfile* profile, Findings& findings) {
+  const Section& modbus = gantry.table("modbus");
+  const std::vector<const Section*> drives = modbus.all("drive");
+  check_links(gantry, drives, modbus, "drive", findings);
+  check_lines(drives, findings);
+  for (const Section* drive : drives) {
+    if (drive->has("counts_per_deg") && drive->number("counts_per_deg") == 0)
+      findings.error(drive->at("counts_per_deg"), "counts_per_deg is 0; the axis would never move");
+    if (profile == nullptr) continue;
+    if (drive->given_key("host") && !profile->tcp)
+      findings.error(drive->at("host"), fmt::format("{} does not speak Modbus TCP; name its serial "
+                                                    "port as device",
+                                                    profile->name));
+    if (drive->given_key("device") && !profile->rtu)
+      findings.error(drive->at("device"),
+                     fmt::format("{} does not speak Modbus RTU; name its host", profile->name));
+    const bool rpm = uses(*profile, RawUnit::rpm) || uses(*profile, RawUnit::ms_per_1000_rpm);
+    if (rpm && !drive->given_key("counts_per_rev"))
+      findings.error(drive->place,
+                     fmt::format("[{}] lacks counts_per_rev: {} takes speeds in rpm of the motor",
+                                 drive->path, profile->name));
+    check_drive_limits(gantry, *drive, *profile, findings);
+  }
+}
+
+void check_grbl(const Section& gantry, Findings& findings) {
+  const Section& grbl = gantry.table("grbl");
+  check_links(gantry, grbl.all("axis"), grbl, "axis", findings);
+  std::map<std::string, const Section*> letters;
+  for (const Section* axis : grbl.all("axis")) {
+    if (axis->has("units_per_deg") && axis->number("units_per_deg") == 0)
+      findings.error(axis->at("units_per_deg"), "units_per_deg is 0; the axis would never move");
+    if (!axis->has("letter")) continue;
+    const auto [at, first] = letters.emplace(axis->text("letter"), axis);
+    if (!first)
+      findings.error(axis->at("letter"),
+                     fmt::format("letter {} is already in use, in line {}", axis->text("letter"),
+                                 at->second->at("letter").line));
+  }
+}
+
+// The names that inputs or outputs of the gantry's controller may have; empty where unknown.
+struct Names {
+  bool known = false;
+  std::vector<std::string> names;
+  std::string whose;
+};
+
+Names controller_names(const Section& gantry, const ControllerProfile* profile, bool outputs) {
+  if (!gantry.has("backend")) return {};
+  if (gantry.text("backend") == "grbl")
+    return {true, outputs ? grbl_outputs : grbl_inputs, "a GRBL controller"};
+  if (gantry.text("backend") == "modbus" && profile != nullptr)
+    return {true, outputs ? names_of(profile->outputs) : names_of(profile->inputs),
+            "profile " + profile->name};
+  return {};
+}
+
+void check_name(const Section& table, const std::string& key, const char* what, const Names& names,
+                Findings& findings) {
+  if (!names.known || !table.has(key)) return;
+  const std::string& name = table.text(key);
+  if (std::ranges::find(names.names, name) != names.names.end()) return;
+  findings.error(
+      table.at(key),
+      fmt::format("{} has no {} \"{}\"; it has: {}", names.whose, what, name, list_of(names.names)),
+      did_you_mean(name, names.names));
+}
+
+}  // namespace
+
+void check_backends(const Section& root, const ControllerProfile* profile, Findings& findings) {
+  const Section* gantry = root.find("gantry");
+  if (gantry == nullptr) return;
+  if (gantry->find("modbus") != nullptr) check_modbus(*gantry, profile, findings);
+  if (gantry->find("grbl") != nullptr) check_grbl(*gantry, findings);
+  const bool simulated = gantry->has("backend") && gantry->text("backend") == "simulated";
+  for (const Section* interlock : root.all("interlocks"))
+    check_name(*interlock, "input", "input", controller_names(*gantry, profile, false), findings);
+  const Section* lamp = root.find("lamp");
+  const Section* wired = lamp == nullptr ? nullptr : lamp->find("gantry");
+  if (wired == nullptr) return;
+  if (simulated)
+    findings.error(lamp->at("backend"),
+                   fmt::format("the lamp hangs on the gantry's controller, but gantry.backend is "
+                               "\"simulated\" (line {}), which has none",
+                               gantry->at("backend").line));
+  check_name(*wired, "output", "output", controller_names(*gantry, profile, true), findings);
+}
+
+}  // namespace lightrig

@@ -1,0 +1,252 @@
+#include <algorithm>
+#include <cmath>
+
+#include "config/check_rig.h"
+#include "core/check.h"
+
+namespace lightrig {
+namespace {
+
+std::chrono::milliseconds milliseconds(const Section& s, const std::string& key) {
+  return std::chrono::milliseconds(s.integer(key));
+}
+
+// The place of a choice among its KeySpec's, for enumerations written down in the same order.
+template <class E>
+E chosen(const Section& s, const std::string& key) {
+  const KeySpec* spec = find_key(*s.spec, key);
+  const auto at = std::ranges::find(spec->choices, s.text(key));
+  CHECK(at != spec->choices.end());
+  return static_cast<E>(at - spec->choices.begin());
+}
+
+CameraModel make_camera_model(const Section& s) {
+  CameraModel m;
+  m.width = s.integer("width_px");
+  m.height = s.integer("height_px");
+  m.projection = chosen<CameraModel::Projection>(s, "projection");
+  if (m.projection == CameraModel::Projection::perspective) {
+    m.fx = s.number("fx_px");
+    m.fy = s.has("fy_px") ? s.number("fy_px") : m.fx;
+    const std::vector<double> distortion = s.numbers("distortion");
+    std::ranges::copy(distortion, m.distortion.begin());
+  } else {
+    m.fx = m.fy = s.number("scale_px_per_m");
+  }
+  // The centre of an image whose first pixel has its centre at 0.
+  m.cx = s.has("cx_px") ? s.number("cx_px") : (m.width - 1) / 2.0;
+  m.cy = s.has("cy_px") ? s.number("cy_px") : (m.height - 1) / 2.0;
+  m.camera_from_world = look_at(s.vector3("eye_m"), s.vector3("target_m"), s.vector3("up"));
+  return m;
+}
+
+SensorModel make_sensor(const Section& s) {
+  SensorModel m;
+  m.filter = chosen<ColorFilter>(s, "filter");
+  m.bits = s.integer("bits");
+  m.gain = s.number("gain_e_per_dn");
+  m.black_level = s.number("black_level_dn");
+  m.read_noise = s.number("read_noise_e");
+  m.dark_current = s.number("dark_current_e_per_s");
+  m.full_well = s.number("full_well_e");
+  m.response = s.channels("response_e_m2_sr_per_j");
+  m.min_exposure = s.number("min_exposure_s");
+  m.max_exposure = s.number("max_exposure_s");
+  return m;
+}
+
+AravisCamera make_aravis(const Section& s) {
+  AravisCamera c;
+  c.id = s.text("id");
+  c.interface_ip = s.text("interface_ip");
+  c.pixel_format = s.text("pixel_format");
+  c.trigger = s.text("trigger");
+  c.packet_size = s.integer("packet_size_bytes");
+  c.socket_buffer_bytes = s.integer("socket_buffer_bytes");
+  c.packet_socket = s.boolean("packet_socket");
+  c.port = s.integer("port");
+  if (const Section* features = s.find("features"))
+    c.features = {features->free_form.begin(), features->free_form.end()};
+  return c;
+}
+
+CameraConfig make_camera(const Section& s) {
+  CameraConfig c;
+  c.model = make_camera_model(s);
+  c.sensor = make_sensor(s.table("sensor"));
+  c.readout_time = s.number("readout_ms");
+  if (const Section* aravis = s.find("aravis")) c.backend = make_aravis(*aravis);
+  return c;
+}
+
+std::variant<TcpEndpoint, SerialEndpoint> make_endpoint(const Section& s,
+                                                        const ProfileSerial& line) {
+  if (s.given_key("host")) return TcpEndpoint{s.text("host"), s.integer("port")};
+  SerialEndpoint e;
+  e.device = s.text("device");
+  e.baud = s.has("baud") ? s.integer("baud") : line.baud;
+  e.parity = line.parity;
+  if (s.has("parity"))
+    e.parity = s.text("parity") == "even" ? 'E' : s.text("parity") == "odd" ? 'O' : 'N';
+  e.data_bits = s.has("data_bits") ? s.integer("data_bits") : line.data_bits;
+  e.stop_bits = s.has("stop_bits") ? s.integer("stop_bits") : line.stop_bits;
+  e.rs485 = s.has("rs485") && s.boolean("rs485");
+  return e;
+}
+
+// The table that speaks of this axis.
+const Section& of_axis(const std::vector<const Section*>& tables, const std::string& key,
+                       const std::string& axis) {
+  const auto at =
+      std::ranges::find_if(tables, [&](const Section* t) { return t->text(key) == axis; });
+  CHECK(at != tables.end());
+  return **at;
+}
+
+const std::vector<std::string> dome_axes = {"azimuth", "elevation"};
+
+ModbusGantry make_modbus(const Section& s, const ControllerProfile* profile) {
+  ModbusGantry g;
+  g.profile = s.file("profile");
+  if (profile != nullptr) g.controller = *profile;
+  g.timeout = milliseconds(s, "timeout_ms");
+  for (const std::string& axis : dome_axes) {
+    const Section& drive = of_axis(s.all("drive"), "axis", axis);
+    ModbusDrive d;
+    d.axis = axis;
+    d.unit = drive.integer("unit");
+    d.endpoint = make_endpoint(drive, g.controller.serial);
+    d.counts_per_si = drive.number("counts_per_deg");
+    d.zero = drive.number("zero_deg");
+    d.counts_per_rev = drive.has("counts_per_rev") ? drive.number("counts_per_rev") : 0;
+    g.drives.push_back(std::move(d));
+  }
+  return g;
+}
+
+GrblGantry make_grbl(const Section& s) {
+  GrblGantry g;
+  if (s.given_key("usb_vendor")) {
+    UsbEndpoint e;
+    e.vendor = s.integer("usb_vendor");
+    e.product = s.integer("usb_product");
+    e.serial = s.text("usb_serial");
+    e.baud = s.integer("baud");
+    g.endpoint = e;
+  } else {
+    SerialEndpoint e;
+    e.device = s.text("device");
+    e.baud = s.integer("baud");
+    g.endpoint = e;
+  }
+  g.timeout = milliseconds(s, "timeout_ms");
+  for (const std::string& axis : dome_axes) {
+    const Section& one = of_axis(s.all("axis"), "axis", axis);
+    g.letters.push_back(one.text("letter")[0]);
+    g.units_per_si.push_back(one.number("units_per_deg"));
+  }
+  return g;
+}
+
+Axis make_axis(const Section& s) {
+  Axis a;
+  a.name = s.text("name");
+  a.rotary = true;
+  a.min = s.number("min_deg");
+  a.max = s.number("max_deg");
+  a.max_speed = s.number("max_speed_deg_per_s");
+  a.max_acceleration = s.number("max_acceleration_deg_per_s2");
+  a.home = s.number("home_deg");
+  return a;
+}
+
+GantryConfig make_gantry(const Section& s, const Section& lamp, const ControllerProfile* profile) {
+  GantryConfig g;
+  g.model.kinematics = DomeKinematics{s.vector3("centre_m"), s.number("radius_m")};
+  for (const std::string& axis : dome_axes)
+    g.model.axes.push_back(make_axis(of_axis(s.all("axis"), "name", axis)));
+  g.model.distant_lamp = lamp.text("kind") == "distant";
+  g.model.settle_time = s.number("settle_s");
+  g.model.tolerance = s.number("tolerance_deg");
+  g.move_time_factor = s.number("move_time_factor");
+  g.move_time_margin = milliseconds(s, "move_time_margin_ms");
+  g.homing_timeout = milliseconds(s, "homing_timeout_ms");
+  if (const Section* modbus = s.find("modbus")) g.backend = make_modbus(*modbus, profile);
+  if (const Section* grbl = s.find("grbl")) g.backend = make_grbl(*grbl);
+  return g;
+}
+
+LampConfig make_lamp(const Section& s) {
+  LampConfig l;
+  l.strength = s.channels(s.text("kind") == "near" ? "strength_w_per_sr" : "strength_w_per_m2");
+  l.absolute_scale = s.boolean("absolute_scale");
+  l.max_power = s.number("max_power");
+  l.power = s.number("power");
+  l.warm_up = s.number("warm_up_s");
+  l.max_on_time = std::chrono::milliseconds(std::llround(s.number("max_on_time_s") * 1000));
+  if (const Section* wired = s.find("gantry")) l.backend = GantryLamp{wired->text("output")};
+  if (const Section* modbus = s.find("modbus")) {
+    ModbusLamp m;
+    m.endpoint = make_endpoint(*modbus, ProfileSerial{});
+    m.unit = modbus->integer("unit");
+    if (modbus->has("coil")) m.coil = modbus->integer("coil");
+    if (modbus->has("holding")) m.holding = modbus->integer("holding");
+    if (modbus->has("full_scale")) m.full_scale = modbus->integer("full_scale");
+    m.timeout = milliseconds(*modbus, "timeout_ms");
+    l.backend = std::move(m);
+  }
+  return l;
+}
+
+KeepOut make_keep_out(const Section& s) {
+  if (s.text("shape") == "sphere")
+    return KeepOutSphere{s.name, s.vector3("centre_m"), s.number("radius_m")};
+  return KeepOutBox{s.name, s.vector3("min_m"), s.vector3("max_m")};
+}
+
+CandidateRule make_candidates(const Section& s) {
+  CandidateRule r;
+  r.kind = chosen<CandidateRule::Kind>(s, "rule");
+  if (r.kind == CandidateRule::Kind::fibonacci)
+    r.count = s.integer("count");
+  else
+    r.list = s.vectors("positions_m");
+  return r;
+}
+
+SimulationConfig make_simulation(const Section& s) {
+  SimulationConfig c;
+  const std::string& material = s.text("material");
+  c.material = names_a_file(material) ? s.file("material").string() : material;
+  c.seed = s.seed("seed");
+  c.clock_rate = s.number("clock_rate");
+  c.arm_frequency = s.number("arm_frequency_hz");
+  c.arm_damping = s.number("arm_damping");
+  c.pose_error = s.number("pose_error_deg");
+  c.lamp_position_error = s.number("lamp_position_error_mm");
+  c.ambient = s.channels("ambient_w_per_m2_sr");
+  return c;
+}
+
+}  // namespace
+
+bool names_a_file(const std::string& material) {
+  return material.find('/') != std::string::npos || material.ends_with(".binary");
+}
+
+Rig make_rig(const Section& root, const ControllerProfile* profile) {
+  Rig rig;
+  rig.name = root.table("rig").text("name");
+  rig.session_root = root.table("rig").file("session_root");
+  rig.camera = make_camera(root.table("camera"));
+  rig.gantry = make_gantry(root.table("gantry"), root.table("lamp"), profile);
+  rig.lamp = make_lamp(root.table("lamp"));
+  for (const Section* s : root.all("interlocks"))
+    rig.interlocks.push_back({s->name, s->text("input"), s->boolean("resume_by_itself")});
+  for (const Section* s : root.all("keep_out")) rig.keep_out.push_back(make_keep_out(*s));
+  rig.candidates = make_candidates(root.table("candidates"));
+  if (const Section* s = root.find("simulation")) rig.simulation = make_simulation(*s);
+  return rig;
+}
+
+}  // namespace lightrig

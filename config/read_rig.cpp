@@ -1,0 +1,135 @@
+#include "config/read_rig.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <limits>
+
+#include "config/check_rig.h"
+#include "config/descriptions.h"
+#include "config/documents.h"
+#include "config/section.h"
+#include "config/suggest.h"
+#include "core/builtin_materials.h"
+
+namespace lightrig {
+namespace {
+
+// The profile that a rig names. Its own faults are reported as the rig's; a file that is not there
+// is reported where the rig names it.
+std::optional<ControllerProfile> profile_of(const Section& root, NamedFiles named,
+                                            Findings& findings) {
+  const Section* gantry = root.find("gantry");
+  const Section* modbus = gantry == nullptr ? nullptr : gantry->find("modbus");
+  if (modbus == nullptr || !modbus->has("profile")) return std::nullopt;
+  ReadProfile read = read_profile(modbus->file("profile"));
+  if (read.value) return read.value;
+  if (named == NamedFiles::may_be_absent) return std::nullopt;
+  for (Diagnostic& d : read.diagnostics) {
+    if (d.line == 0)
+      findings.error(modbus->at("profile"),
+                     fmt::format("gantry.modbus.profile: \"{}\": {}", d.file.string(), d.message));
+    else
+      findings.add(std::move(d));
+  }
+  return std::nullopt;
+}
+
+void check_simulated_material(const Section& root, Findings& findings) {
+  const Section* simulation = root.find("simulation");
+  if (simulation == nullptr || !simulation->has("material")) return;
+  const std::string& name = simulation->text("material");
+  if (names_a_file(name) || find_builtin(name) != nullptr) return;
+  std::vector<std::string> names;
+  for (const BuiltinMaterial& m : builtin_materials()) names.push_back(m.name);
+  findings.error(simulation->at("material"),
+                 fmt::format("simulation.material: the built-in set has no \"{}\" (a file's path "
+                             "holds a \"/\" or ends in .binary)",
+                             name),
+                 did_you_mean(name, names));
+}
+
+std::vector<const Section*> pointers(const std::vector<Section>& sections) {
+  std::vector<const Section*> all;
+  for (const Section& s : sections) all.push_back(&s);
+  return all;
+}
+
+ExposureRange exposures_of(const Section& root) {
+  ExposureRange range;
+  const Section* camera = root.find("camera");
+  const Section* sensor = camera == nullptr ? nullptr : camera->find("sensor");
+  if (sensor == nullptr || !sensor->has("min_exposure_s") || !sensor->has("max_exposure_s"))
+    return range;
+  return {sensor->number("min_exposure_s"), sensor->number("max_exposure_s")};
+}
+
+}  // namespace
+
+Read<Rig> read_rig_text(std::string text, const std::filesystem::path& path, NamedFiles named) {
+  Read<Rig> read;
+  read.text = std::move(text);
+  const Source source{path, read.text};
+  Findings findings;
+  const auto root = read_document(source, rig_description(),
+                                  "at least [rig], [camera], [gantry] and [lamp]", findings);
+  if (root) {
+    const auto profile = profile_of(*root, named, findings);
+    check_rig(*root, profile ? &*profile : nullptr, findings);
+    check_simulated_material(*root, findings);
+    const std::vector<const Section*> tables = pointers(root->sections);
+    check_session(tables, exposures_of(*root), findings);
+    if (named == NamedFiles::must_exist) check_named_files(tables, findings);
+    if (!findings.has_error()) {
+      read.value = make_rig(*root, profile ? &*profile : nullptr);
+      read.value->session_defaults = make_session(tables);
+      read.value->path = path;
+      read.value->text = read.text;
+    }
+  }
+  read.diagnostics = findings.sorted();
+  return read;
+}
+
+Read<Rig> read_rig(const std::filesystem::path& path, NamedFiles named) {
+  auto text = read_text(path);
+  if (!text) return {std::nullopt, {text.error()}, {}};
+  return read_rig_text(std::move(*text), path, named);
+}
+
+Read<SessionSpec> read_session_text(std::string text, const std::filesystem::path& path,
+                                    const Rig& rig, NamedFiles named) {
+  Read<SessionSpec> read;
+  read.text = std::move(text);
+  const Source source{path, read.text}, rig_source{rig.path, rig.text};
+  Findings findings, settled;
+  // What there was to say of the rig file was said when it was read.
+  const auto rig_root = read_document(rig_source, rig_description(), "", settled);
+  std::optional<Section> own;
+  if (!path.empty())
+    own = read_document(source, session_description(), "at least one table of a session", findings);
+  if (rig_root && (path.empty() || own)) {
+    const auto tables = effective_tables(own ? &*own : nullptr, *rig_root,
+                                         path.empty() ? rig_source : source, findings);
+    check_session(tables, {rig.camera.sensor.min_exposure, rig.camera.sensor.max_exposure},
+                  findings);
+    if (named == NamedFiles::must_exist) check_named_files(tables, findings);
+    if (!findings.has_error()) {
+      read.value = make_session(tables);
+      read.value->path = path;
+      read.value->text = read.text;
+    }
+  }
+  read.diagnostics = findings.sorted();
+  return read;
+}
+
+Read<SessionSpec> read_session(const std::filesystem::path& path, const Rig& rig,
+                               NamedFiles named) {
+  if (path.empty()) return read_session_text({}, path, rig, named);
+  auto text = read_text(path);
+  if (!text) return {std::nullopt, {text.error()}, {}};
+  return read_session_text(std::move(*text), path, rig, named);
+}
+
+}  // namespace lightrig

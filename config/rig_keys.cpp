@@ -1,0 +1,181 @@
+#include "config/descriptions.h"
+
+namespace lightrig {
+namespace {
+
+TableSpec rig_table() {
+  TableSpec t{.name = "rig", .doc = "The rig as a whole."};
+  t.keys = {
+      {.name = "name", .kind = ValueKind::text, .doc = "What people call it."},
+      {.name = "session_root",
+       .kind = ValueKind::path,
+       .need = Need::defaulted,
+       .fallback = "\"sessions\"",
+       .doc = "Folder that sessions are stored in."},
+  };
+  return t;
+}
+
+TableSpec interlocks_table() {
+  TableSpec t{.name = "interlocks",
+              .repeat = Repeat::named,
+              .need = Need::optional,
+              .doc = "An input that forbids motion while open, such as [interlocks.door]."};
+  t.keys = {
+      {.name = "input",
+       .kind = ValueKind::text,
+       .doc = "Modbus: an input of the controller profile. GRBL: \"door\", \"hold\", \"reset\" or "
+              "\"probe\"."},
+      {.name = "resume_by_itself",
+       .kind = ValueKind::boolean,
+       .need = Need::defaulted,
+       .fallback = "false",
+       .doc = "Whether a paused session goes on once the input closes again."},
+  };
+  return t;
+}
+
+TableSpec keep_out_table() {
+  const Condition box{"shape", {"box"}}, sphere{"shape", {"sphere"}};
+  TableSpec t{.name = "keep_out",
+              .repeat = Repeat::named,
+              .need = Need::optional,
+              .doc = "A volume that lamp and arm may not enter, such as [keep_out.tripod]."};
+  t.keys = {
+      {.name = "shape",
+       .kind = ValueKind::choice,
+       .choices = {"box", "sphere"},
+       .doc = "Its shape."},
+      {.name = "min_m",
+       .kind = ValueKind::vector3,
+       .unit = units::m,
+       .range = {-1e4, 1e4},
+       .when = box,
+       .doc = "Least x, y, z of the box."},
+      {.name = "max_m",
+       .kind = ValueKind::vector3,
+       .unit = units::m,
+       .range = {-1e4, 1e4},
+       .when = box,
+       .doc = "Greatest x, y, z of the box."},
+      {.name = "centre_m",
+       .kind = ValueKind::vector3,
+       .unit = units::m,
+       .range = {-1e4, 1e4},
+       .when = sphere,
+       .doc = "Centre of the sphere."},
+      {.name = "radius_m",
+       .unit = units::m,
+       .range = {0, 1e4, true},
+       .when = sphere,
+       .doc = "Radius of the sphere."},
+  };
+  return t;
+}
+
+TableSpec candidates_table() {
+  TableSpec t{
+      .name = "candidates",
+      .need = Need::defaulted,
+      .doc = "The lamp positions a plan may choose from, before the gantry's reach is asked."};
+  t.keys = {
+      {.name = "rule",
+       .kind = ValueKind::choice,
+       .need = Need::defaulted,
+       .fallback = "\"fibonacci\"",
+       .choices = {"fibonacci", "list"},
+       .doc = "\"fibonacci\": evenly over the whole sphere of directions."},
+      {.name = "count",
+       .kind = ValueKind::integer,
+       .range = {1, 1000000},
+       .need = Need::defaulted,
+       .fallback = "1000",
+       .when = Condition{"rule", {"fibonacci"}},
+       .doc = "How many directions."},
+      {.name = "positions_m",
+       .kind = ValueKind::vectors,
+       .unit = units::m,
+       .range = {-1e4, 1e4},
+       .when = Condition{"rule", {"list"}},
+       .doc = "Lamp positions; for a distant lamp directions of any length."},
+  };
+  return t;
+}
+
+TableSpec simulation_table() {
+  TableSpec t{
+      .name = "simulation",
+      .need = Need::optional,
+      .doc =
+          "What --simulate and `lightrig simulate` make of this rig; a real run never reads "
+          "it."};
+  t.keys = {
+      {.name = "material",
+       .kind = ValueKind::text,
+       .doc = "What the object is made of: a built-in material (`lightrig materials list`), or the "
+              "path of a MERL .binary file."},
+      {.name = "seed",
+       .kind = ValueKind::integer,
+       .range = not_negative,
+       .need = Need::defaulted,
+       .fallback = "1",
+       .doc = "Of all that is left to chance."},
+      {.name = "clock_rate",
+       .range = {1, std::numeric_limits<double>::infinity(), false, true},
+       .need = Need::defaulted,
+       .fallback = "1",
+       .doc = "How many times faster than real the simulated rig lives; inf waits for nothing."},
+      {.name = "arm_frequency_hz",
+       .unit = units::hz,
+       .range = {0, 1e6},
+       .need = Need::defaulted,
+       .fallback = "0",
+       .doc = "Natural frequency of the arm that carries the lamp; 0 is rigid."},
+      {.name = "arm_damping",
+       .range = {0, 10, true},
+       .need = Need::defaulted,
+       .fallback = "0.05",
+       .doc = "Its damping ratio."},
+      {.name = "pose_error_deg",
+       .unit = units::deg,
+       .range = {0, 180},
+       .need = Need::defaulted,
+       .fallback = "0",
+       .doc = "Rotation of the real object against the modelled one."},
+      {.name = "lamp_position_error_mm",
+       .unit = units::mm,
+       .range = {0, 1e4},
+       .need = Need::defaulted,
+       .fallback = "0",
+       .doc = "Error of the lamp's real position, rms, the same at every visit."},
+      {.name = "ambient_w_per_m2_sr",
+       .kind = ValueKind::channels,
+       .unit = units::radiance,
+       .range = not_negative,
+       .need = Need::defaulted,
+       .fallback = "0",
+       .doc = "Radiance that the camera sees with the lamp off."},
+  };
+  return t;
+}
+
+TableSpec describe_rig() {
+  TableSpec root{.name = "", .doc = "A rig file."};
+  root.tables = {rig_table(),        camera_table(),   gantry_table(),     lamp_table(),
+                 interlocks_table(), keep_out_table(), candidates_table(), simulation_table()};
+  for (TableSpec table : session_tables()) {
+    // A rig file may leave them to the session file.
+    if (table.need == Need::required) table.need = Need::optional;
+    root.tables.push_back(std::move(table));
+  }
+  return root;
+}
+
+}  // namespace
+
+const TableSpec& rig_description() {
+  static const TableSpec description = describe_rig();
+  return description;
+}
+
+}  // namespace lightrig
