@@ -1,21 +1,18 @@
 #include "config/toml_tree.h"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <toml++/toml.h>
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <string_view>
 
+#include "config/read_bytes.h"
 #include "config/utf8.h"
 
 namespace lightrig {
 namespace {
 
-constexpr off_t largest_file = off_t{16} << 20;  // [byte]; a rig file of megabytes is a mistake
+constexpr std::size_t largest_file = std::size_t{16}
+                                     << 20;  // [byte]; a rig file of megabytes is a mistake
 
 Place place_of(const Source& source, const toml::source_region& region) {
   Place place{&source, static_cast<int>(region.begin.line), static_cast<int>(region.begin.column),
@@ -75,13 +72,6 @@ Diagnostic whole_file(const std::filesystem::path& file, std::string message) {
   return d;
 }
 
-struct Descriptor {
-  int fd;
-  ~Descriptor() {
-    if (fd >= 0) ::close(fd);
-  }
-};
-
 }  // namespace
 
 const TomlEntry* TomlNode::find(const std::string& key) const {
@@ -90,28 +80,13 @@ const TomlEntry* TomlNode::find(const std::string& key) const {
 }
 
 tl::expected<std::string, Diagnostic> read_text(const std::filesystem::path& file) {
-  const auto failed = [&](const std::string& why) {
-    return tl::unexpected<Diagnostic>(whole_file(file, "cannot read this file: " + why));
-  };
-  // Not blocking: a FIFO named by mistake must not hold the program up.
-  const Descriptor opened{::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
-  if (opened.fd < 0) return failed(std::strerror(errno));
-  struct stat facts {};
-  if (::fstat(opened.fd, &facts) != 0) return failed(std::strerror(errno));
-  if (S_ISDIR(facts.st_mode)) return failed("it is a directory; name the file in it");
-  if (!S_ISREG(facts.st_mode)) return failed("it is not a regular file");
-  if (facts.st_size > largest_file) return failed("it is larger than 16 MiB");
-
-  std::string text(static_cast<std::size_t>(facts.st_size), '\0');
-  std::size_t done = 0;
-  while (done < text.size()) {
-    const ssize_t n = ::read(opened.fd, text.data() + done, text.size() - done);
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return failed(std::strerror(errno));
-    if (n == 0) break;
-    done += static_cast<std::size_t>(n);
-  }
-  text.resize(done);
+  const auto bytes = read_bytes(file);
+  if (!bytes)
+    return tl::unexpected(whole_file(file, "cannot read this file: " + bytes.error().message));
+  if (bytes->size() > largest_file)
+    return tl::unexpected(whole_file(file, "cannot read this file: it is larger than 16 MiB"));
+  std::string text(bytes->size(), '\0');
+  std::memcpy(text.data(), bytes->data(), bytes->size());
   return text;
 }
 
