@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/brdf_table.h"
+#include "core/reflectance_models.h"
 
 namespace lightrig {
 
@@ -12,14 +13,21 @@ namespace lightrig {
 struct BuiltinMaterial {
   std::string name;
   std::string family;
-  std::string source;       ///< citation of model and constants [docs/sources.md]
-  Reflectance reflectance;  ///< continuous, reciprocal, non-negative, energy-conserving
+  std::string source;               ///< citations of models and constants, as in docs/sources.md
+  Reflectance reflectance;          ///< continuous, reciprocal, non-negative, energy-conserving
+  const LayeredReflectance* model;  ///< the same; lives as long as the set
 };
 
-/// All of them, sorted by name; the order never depends on the machine.
+/// All of them, sorted by name; the order never depends on the machine. Made at the first call,
+/// once, in a fraction of a second.
 std::span<const BuiltinMaterial> builtin_materials();
 
 /// The one with this name, or nullptr.
 const BuiltinMaterial* find_builtin(const std::string& name);
+
+/// The set as training materials on a grid, means over n_phi values of φd that lie wholly above the
+/// horizon (unlike tabulate(), which drops those of an even series that do not: every cell has a
+/// value here). Half a second for a hundred materials on 90 × 90 × 16.
+std::vector<Material> builtin_tables(const BivariateGrid& grid, int n_phi);
 
 }  // namespace lightrig

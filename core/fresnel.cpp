@@ -1,0 +1,36 @@
+#include "core/fresnel.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lightrig {
+namespace {
+
+// One channel. Snell gives the cosine in the medium, n' cos' = a + ib with
+// (a + ib)² = (n + ik)² − sin²; then
+//   Rs = ((a − c)² + b²)/((a + c)² + b²),
+//   Rp = Rs · ((a − s²/c)² + b²)/((a + s²/c)² + b²), here multiplied through by c².
+double unpolarised(double n, double k, double c) {
+  const double s2 = 1 - c * c;
+  const double re = n * n - k * k - s2;
+  const double im = 2 * n * k;
+  const double modulus = std::hypot(re, im);
+  const double a = std::sqrt(std::max(0.0, 0.5 * (modulus + re)));
+  const double b2 = std::max(0.0, 0.5 * (modulus - re));
+  const double rs = ((a - c) * (a - c) + b2) / ((a + c) * (a + c) + b2);
+  const double down = a * c - s2, up = a * c + s2;
+  const double ratio = (down * down + b2 * c * c) / (up * up + b2 * c * c);
+  return std::clamp(0.5 * rs * (1 + ratio), 0.0, 1.0);
+}
+
+}  // namespace
+
+Eigen::Array3d fresnel(const RefractiveIndex& index, double cos_d) {
+  const double c = std::clamp(cos_d, 0.0, 1.0);
+  const double red = unpolarised(index.n[0], index.k[0], c);
+  if ((index.n == index.n[0]).all() && (index.k == index.k[0]).all())
+    return Eigen::Array3d::Constant(red);
+  return {red, unpolarised(index.n[1], index.k[1], c), unpolarised(index.n[2], index.k[2], c)};
+}
+
+}  // namespace lightrig
