@@ -1,0 +1,92 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/fit.h"
+#include "core/samples.h"
+#include "daemon/session/reduction.h"
+
+namespace lightrig {
+
+/// What came of one light.
+struct LightResult {
+  CapturedShot shot;
+  LightPosition light;
+  bool planned = true;                 ///< found in the plan
+  double condition = 0;                ///< κ² planned with all lights so far; 0: none
+  double predicted_error_percent = 0;  ///< planned; 0 for a held-out light
+  std::int64_t rows_value = 0, rows_censored = 0;
+  int new_cells = 0;          ///< cells no earlier light had shown
+  double misfit_percent = 0;  ///< bins of this light: result against measured
+  ExtractionStatistics statistics;
+};
+
+/// What as many lights, or none, would have given.
+struct Baselines {
+  double mean_only_percent = 0;
+  bool mean_only_is_true = false;  ///< against the reference; else predicted
+  struct RandomLights {
+    double pseudo_inverse_percent = 0;  ///< medians over the sets
+    double map_percent = 0;
+    int sets = 0, lights = 0, components = 0;  ///< components of the pseudo-inverse
+  };
+  std::optional<RandomLights> random_lights;
+};
+
+/// One line of "what this scene did not need".
+struct LeftOutLine {
+  std::string name;  ///< key in result.json
+  std::string what;  ///< for a person
+  std::int64_t left_out = 0;
+  std::optional<std::int64_t> done;
+  std::string why;
+};
+
+/// The held-out light: captured, not fitted, predicted.
+struct HeldOutError {
+  double percent = 0;       ///< scaled to the whole grid: comparable with the true error
+  double seen_percent = 0;  ///< over the bins the light shows
+  int rows = 0;             ///< bins × channels compared
+};
+
+/// Everything a finished reduction knows; result.json and report.html are two ways of writing it.
+struct SessionResult {
+  std::string session, rig, sample_id, operator_name, notes, state;
+  std::string created;  ///< as session.json states it; "" where it does not
+
+  std::string estimator, mapping, basis_source, criterion, plan_stop, stop_fired, arithmetic;
+  double floor = 0;        ///< [1/sr]
+  double model_sigma = 0;  ///< mapped units
+  double variance_captured = 0;
+  int basis_materials = 0, components = 0, channels = 0;
+  bool absolute_scale = false;
+
+  std::vector<CurvePoint> curve;
+  std::optional<HeldOutError> held_out;
+  std::optional<BrdfError> true_error;
+  std::string reference;  ///< what the true error is against
+  Baselines baselines;
+  std::vector<LightResult> lights;
+  std::vector<LeftOutLine> left_out;
+  std::vector<std::string> drivers_not_opened;
+  std::vector<StageCost> cost;
+  std::vector<std::string> warnings;
+
+  BrdfBasis const* basis = nullptr;  ///< outlives the result
+  Coefficients coefficients;
+  Reconstruction reconstruction;
+};
+
+/// result.json, schema lightrig.result/1. Measured times stand in `cost` and `curve[].elapsed_s`
+/// alone.
+std::string result_json(const SessionResult& result);
+
+/// coefficients.json, schema lightrig.coefficients/1: c, standard deviations, and what they are
+/// coefficients of.
+std::string coefficients_json(const SessionResult& result);
+
+}  // namespace lightrig
