@@ -318,6 +318,7 @@ std::string method(const SessionResult& r) {
     return "<dt>" + escaped(name) + "</dt><dd>" + escaped(value) + "</dd>";
   };
   std::string html = "<h2>How it was computed</h2>\n<div class=facts><dl>";
+  html += row("object", r.object);
   html += row("basis", fmt::format("{}: {} materials, {} components ({:.2f} % of the variance)",
                                    r.basis_source, r.basis_materials, r.components,
                                    100 * r.variance_captured));
@@ -385,7 +386,6 @@ std::string report_html(const SessionResult& r, const ResultPictures& pictures) 
       "<title>{} – BRDF report</title><style>{}</style></head><body>\n",
       escaped(title), report_style());
   std::vector<std::string> about{"session " + r.session, "rig " + r.rig};
-  if (!r.created.empty()) about.push_back(r.created);
   if (!r.operator_name.empty()) about.push_back("operator " + r.operator_name);
   about.push_back(r.state);
   html += fmt::format("<h1>{}</h1>\n<p class=muted>{}</p>\n", escaped(title),

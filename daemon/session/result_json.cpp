@@ -109,8 +109,7 @@ Json method(const SessionResult& r) {
           {"rows_value", r.coefficients.rows_value},
           {"rows_censored", r.coefficients.rows_censored},
           {"residual_rms", number(r.coefficients.residual_rms)},
-          {"clipped_cells", r.reconstruction.clipped_cells},
-          {"arithmetic", r.arithmetic}};
+          {"clipped_cells", r.reconstruction.clipped_cells}};
 }
 
 Json rows_of(const Eigen::MatrixXd& matrix) {
@@ -131,6 +130,7 @@ std::string result_json(const SessionResult& r) {
             {"sample_id", r.sample_id},
             {"operator", r.operator_name},
             {"notes", r.notes},
+            {"object", r.object},
             {"state", r.state},
             {"scale", r.absolute_scale ? "absolute" : "nominal"},
             {"unit", "1/sr"},
@@ -148,11 +148,11 @@ std::string result_json(const SessionResult& r) {
   for (const LightResult& light : r.lights) json["lights"].push_back(to_json(light));
   json["left_out"] = to_json(r.left_out, r.drivers_not_opened);
   json["warnings"] = r.warnings;
-  json["cost"] = Json::object();
+  Json seconds = Json::object();
   for (const StageCost& stage : r.cost) {
-    const double before = json["cost"].value(stage.stage, 0.0);
-    json["cost"][stage.stage] = before + stage.seconds;
+    seconds[stage.stage] = seconds.value(stage.stage, 0.0) + stage.seconds;
   }
+  json["cost"] = {{"threads", r.threads}, {"arithmetic", r.arithmetic}, {"seconds", seconds}};
   return json.dump(2) + "\n";
 }
 

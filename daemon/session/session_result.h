@@ -8,6 +8,8 @@
 
 #include "core/fit.h"
 #include "core/samples.h"
+#include "daemon/session/baselines.h"
+#include "daemon/session/held_out.h"
 #include "daemon/session/reduction.h"
 
 namespace lightrig {
@@ -29,11 +31,6 @@ struct LightResult {
 struct Baselines {
   double mean_only_percent = 0;
   bool mean_only_is_true = false;  ///< against the reference; else predicted
-  struct RandomLights {
-    double pseudo_inverse_percent = 0;  ///< medians over the sets
-    double map_percent = 0;
-    int sets = 0, lights = 0, components = 0;  ///< components of the pseudo-inverse
-  };
   std::optional<RandomLights> random_lights;
 };
 
@@ -46,23 +43,17 @@ struct LeftOutLine {
   std::string why;
 };
 
-/// The held-out light: captured, not fitted, predicted.
-struct HeldOutError {
-  double percent = 0;       ///< scaled to the whole grid: comparable with the true error
-  double seen_percent = 0;  ///< over the bins the light shows
-  int rows = 0;             ///< bins × channels compared
-};
-
 /// Everything a finished reduction knows; result.json and report.html are two ways of writing it.
 struct SessionResult {
   std::string session, rig, sample_id, operator_name, notes, state;
-  std::string created;  ///< as session.json states it; "" where it does not
+  std::string object;  ///< one line: what was in front of the camera
 
   std::string estimator, mapping, basis_source, criterion, plan_stop, stop_fired, arithmetic;
   double floor = 0;        ///< [1/sr]
   double model_sigma = 0;  ///< mapped units
   double variance_captured = 0;
   int basis_materials = 0, components = 0, channels = 0;
+  int threads = 1;
   bool absolute_scale = false;
 
   std::vector<CurvePoint> curve;

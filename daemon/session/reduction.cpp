@@ -1,0 +1,260 @@
+#include "daemon/session/reduction.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <iterator>
+#include <thread>
+#include <utility>
+
+#include "core/check.h"
+#include "core/merge_hdr.h"
+#include "daemon/session/durable_file.h"
+#include "daemon/session/frame_file.h"
+#include "daemon/session/held_out.h"
+#include "daemon/session/image_sites.h"
+#include "daemon/session/stopwatch.h"
+
+namespace lightrig {
+namespace {
+
+// The published estimator has no prior: with all components it would chase noise [Ali 2013].
+constexpr Eigen::Index pseudo_inverse_components = 45;
+constexpr int picture_pixels = 300;
+
+bool is_data(const StoredFrame& frame) {
+  return frame.role == "bracket" || frame.role == "metering";
+}
+
+// The files named, in order; `threads` files are decoded at a time.
+Result<std::vector<Frame>> read_frames(const SessionFolder& folder,
+                                       const std::vector<StoredFrame>& stored, int threads) {
+  std::vector<Result<Frame>> read(stored.size(), fail(ErrorCode::not_found, "not read"));
+  const auto read_some = [&](std::size_t first, std::size_t stride) {
+    for (std::size_t i = first; i < stored.size(); i += stride) {
+      read[i] = read_frame(folder.root / stored[i].file);
+    }
+  };
+  const auto stride = static_cast<std::size_t>(std::max(1, threads));
+  {
+    std::vector<std::jthread> workers;
+    for (std::size_t t = 1; t < std::min(stride, stored.size()); ++t) {
+      workers.emplace_back(read_some, t, stride);
+    }
+    read_some(0, stride);
+  }
+  std::vector<Frame> frames;
+  frames.reserve(stored.size());
+  for (std::size_t i = 0; i < stored.size(); ++i) {
+    if (!read[i]) return tl::unexpected(read[i].error());
+    // The journal holds the exposure as applied; the file must agree or is not the one it names.
+    if (std::abs(read[i]->exposure - stored[i].exposure) > 1e-6 * stored[i].exposure) {
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("read frame '{}': it was exposed for {} s, the journal says {} s: "
+                              "restore the file or retake the shot",
+                              stored[i].file, read[i]->exposure, stored[i].exposure));
+    }
+    frames.push_back(std::move(*read[i]));
+  }
+  return frames;
+}
+
+Result<void> write_radiance(const std::filesystem::path& folder, const std::string& name,
+                            const RadianceImage& image) {
+  std::vector<float> pixels;
+  pixels.reserve(3 * image.L.size());
+  for (std::size_t i = 0; i < image.L.size(); ++i) {
+    pixels.push_back(image.L[i]);
+    pixels.push_back(static_cast<float>(image.site[i]));
+    pixels.push_back(image.variance[i]);
+  }
+  const auto bytes = encode_float_exr(image.width, image.height, {"L", "site", "variance"}, pixels);
+  if (!bytes) return tl::unexpected(bytes.error());
+  return write_durably(folder / (name + ".exr"), *bytes);
+}
+
+}  // namespace
+
+struct Reduction::State {
+  const Rig* rig = nullptr;
+  const SessionSpec* spec = nullptr;
+  const Prepared* prepared = nullptr;
+  SessionFolder folder;
+  std::vector<StoredFrame> stored_darks;
+  ReductionOptions options;
+
+  BrdfBasis truncated_basis;  ///< used when it has components
+  std::optional<std::vector<Frame>> darks;
+  std::optional<ImageSites> sites;
+  std::vector<BrdfObservations> observations;
+  std::vector<ReducedShot> shots;
+  Coefficients coefficients;
+  Reconstruction reconstruction;
+  std::vector<StageCost> cost;
+
+  const BrdfBasis& basis() const {
+    return truncated_basis.components() > 0 ? truncated_basis : prepared->fit_basis;
+  }
+
+  Result<RadianceImage> merge(const std::vector<StoredFrame>& stored);
+  void extract_shot(const CapturedShot& shot, const RadianceImage& image,
+                    const RadianceImage* ambient);
+  std::vector<BrdfObservations> observed(bool held_out) const;
+};
+
+// Reads and merges frames of one kind; the darks are read once, when first needed.
+Result<RadianceImage> Reduction::State::merge(const std::vector<StoredFrame>& stored) {
+  Stopwatch reading("read frames", cost);
+  if (!darks) {
+    auto read = read_frames(folder, stored_darks, options.threads);
+    if (!read) return tl::unexpected(with_context("dark frames", read.error()));
+    darks = std::move(*read);
+  }
+  const auto frames = read_frames(folder, stored, options.threads);
+  if (!frames) return tl::unexpected(frames.error());
+  reading.stop();
+  Stopwatch merging("merge", cost);
+  MergeOptions merge_options;
+  merge_options.threads = options.threads;
+  return merge_hdr(*frames, *darks, rig->camera.sensor, merge_options);
+}
+
+void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImage& image,
+                                    const RadianceImage* ambient) {
+  ReducedShot reduced;
+  reduced.shot = shot;
+  reduced.light = prepared->plan.shots[static_cast<std::size_t>(shot.index)].light;
+  reduced.strength = rig->lamp.strength * shot.lamp_power;
+  Stopwatch extracting("extract", cost);
+  ExtractOptions extraction;
+  extraction.limits = spec->plan.limits;
+  extraction.lamp_strength = reduced.strength;
+  extraction.threads = options.threads;
+  observations.push_back(extract(image, ambient, prepared->points, rig->camera.model, reduced.light,
+                                 basis().grid, basis().valid, *prepared->occluder, extraction));
+  extracting.stop();
+  if (options.pictures) {
+    Stopwatch drawing("pictures", cost);
+    if (!sites) {
+      sites = lightrig::image_sites(prepared->object.mesh, *prepared->occluder, rig->camera.model,
+                                    rig->camera.sensor.filter, picture_pixels);
+    }
+    reduced.site_radiance = captured_radiance(*sites, image, ambient);
+  }
+  shots.push_back(std::move(reduced));
+}
+
+std::vector<BrdfObservations> Reduction::State::observed(bool held_out) const {
+  std::vector<BrdfObservations> chosen;
+  for (std::size_t i = 0; i < shots.size(); ++i) {
+    if (shots[i].shot.held_out == held_out) chosen.push_back(observations[i]);
+  }
+  return chosen;
+}
+
+Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                     SessionFolder folder, std::vector<StoredFrame> darks, ReductionOptions options)
+    : state_(std::make_unique<State>()) {
+  CHECK(options.threads >= 1);
+  state_->rig = &rig;
+  state_->spec = &spec;
+  state_->prepared = &prepared;
+  state_->folder = std::move(folder);
+  state_->stored_darks = std::move(darks);
+  state_->options = std::move(options);
+  if (spec.estimator == Estimator::pseudo_inverse &&
+      prepared.fit_basis.components() > pseudo_inverse_components) {
+    state_->truncated_basis = truncated(prepared.fit_basis, pseudo_inverse_components);
+  }
+}
+
+Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                     SessionFolder folder, std::vector<StoredFrame> darks, int threads)
+    : Reduction(rig, spec, prepared, std::move(folder), std::move(darks),
+                ReductionOptions{threads, std::nullopt, {}, false}) {}
+
+Reduction::~Reduction() = default;
+Reduction::Reduction(Reduction&&) noexcept = default;
+Reduction& Reduction::operator=(Reduction&&) noexcept = default;
+
+Result<void> Reduction::add(const CapturedShot& shot) {
+  State& s = *state_;
+  const std::string doing = "reduce shot " + shot.name;
+  if (shot.index < 0 || static_cast<std::size_t>(shot.index) >= s.prepared->plan.shots.size()) {
+    return fail(ErrorCode::invalid_input, fmt::format("{}: it is light {} of a plan of {}", doing,
+                                                      shot.index, s.prepared->plan.shots.size()));
+  }
+  std::vector<StoredFrame> bracket, ambient_frames;
+  std::ranges::copy_if(shot.frames, std::back_inserter(bracket), is_data);
+  std::ranges::copy_if(shot.frames, std::back_inserter(ambient_frames),
+                       [](const StoredFrame& f) { return f.role == "ambient"; });
+  const auto image = s.merge(bracket);
+  if (!image) return tl::unexpected(with_context(doing, image.error()));
+  std::optional<RadianceImage> ambient;
+  if (!ambient_frames.empty()) {
+    auto merged = s.merge(ambient_frames);
+    if (!merged) return tl::unexpected(with_context(doing + ", ambient", merged.error()));
+    ambient = std::move(*merged);
+  }
+  const CameraModel& camera = s.rig->camera.model;
+  if (image->width != camera.width || image->height != camera.height) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("{}: its frames are {} × {}, the rig's camera is {} × {}", doing,
+                            image->width, image->height, camera.width, camera.height));
+  }
+  if (!s.options.radiance.empty()) {
+    Stopwatch storing("store radiance", s.cost);
+    if (auto written = write_radiance(s.options.radiance, shot.name, *image); !written) {
+      return tl::unexpected(with_context(doing, written.error()));
+    }
+  }
+  s.extract_shot(shot, *image, ambient ? &*ambient : nullptr);
+  return {};
+}
+
+CurvePoint Reduction::estimate() {
+  State& s = *state_;
+  Stopwatch fitting("fit", s.cost);
+  const std::vector<BrdfObservations> fitted = s.observed(false);
+  const std::vector<BrdfObservations> held_out = s.observed(true);
+  FitOptions fit_options;
+  fit_options.estimator = s.spec->estimator;
+  s.coefficients = fit(s.basis(), fitted, s.rig->camera.sensor.channels(), fit_options);
+  fitting.stop();
+  Stopwatch reconstructing("reconstruct", s.cost);
+  s.reconstruction = reconstruct(s.basis(), s.coefficients);
+
+  CurvePoint point;
+  point.lights = static_cast<int>(fitted.size());
+  for (const ReducedShot& shot : s.shots) {
+    if (!shot.shot.held_out) point.elapsed_s = std::max(point.elapsed_s, shot.shot.elapsed_s);
+  }
+  point.predicted_error_percent = s.reconstruction.predicted_error_percent;
+  point.predicted_low_percent = s.reconstruction.predicted_low_percent;
+  point.predicted_high_percent = s.reconstruction.predicted_high_percent;
+  const double floor = s.basis().mapping.floor;
+  if (!held_out.empty()) {
+    const HeldOutError error = held_out_error(held_out, s.reconstruction, floor);
+    if (error.rows > 0) point.held_out_error_percent = error.percent;
+  }
+  if (s.options.reference) {
+    point.true_error_percent =
+        brdf_error(s.reconstruction.brdf, s.options.reference->table, floor).percent_log;
+  }
+  return point;
+}
+
+const std::vector<BrdfObservations>& Reduction::observations() const {
+  return state_->observations;
+}
+const std::vector<ReducedShot>& Reduction::shots() const { return state_->shots; }
+const BrdfBasis& Reduction::basis() const { return state_->basis(); }
+const Coefficients& Reduction::coefficients() const { return state_->coefficients; }
+const Reconstruction& Reduction::reconstruction() const { return state_->reconstruction; }
+std::vector<StageCost> Reduction::cost() const { return state_->cost; }
+const ImageSites* Reduction::image_sites() const {
+  return state_->sites ? &*state_->sites : nullptr;
+}
+
+}  // namespace lightrig

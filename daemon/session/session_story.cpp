@@ -1,0 +1,209 @@
+#include "daemon/session/session_story.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <set>
+#include <variant>
+
+#include "daemon/session/held_out.h"
+
+namespace lightrig {
+namespace {
+
+std::int64_t used_exposures(const CapturedShot& shot) {
+  return std::count_if(shot.frames.begin(), shot.frames.end(), [](const StoredFrame& f) {
+    return f.role == "bracket" || f.role == "metering";
+  });
+}
+
+bool repaired(const MeshRepairs& r) {
+  return r.non_finite_vertices + r.degenerate_triangles + r.duplicate_triangles +
+                 r.non_manifold_edges >
+             0 ||
+         r.flipped_orientation;
+}
+
+}  // namespace
+
+std::vector<LeftOutLine> left_out_lines(const SessionRecord& record, const Prepared& prepared,
+                                        const BrdfBasis& basis) {
+  const LeftOut& out = record.plan.left_out;
+  const BinningStatistics& binning = out.binning;
+  const SelectionStatistics& selection = out.selection;
+  std::int64_t taken = 0, skipped = 0, fitted = 0;
+  for (const CapturedShot& shot : record.shots) {
+    taken += used_exposures(shot);
+    skipped += static_cast<std::int64_t>(shot.exposures_skipped.size());
+    fitted += shot.held_out ? 0 : 1;
+  }
+  const auto filled_cells = static_cast<std::int64_t>(prepared.bins.cell.size());
+  const int channels = record.rig.camera.sensor.channels();
+  std::vector<LeftOutLine> lines;
+  lines.push_back({"shadow_rays", "shadow rays", binning.rays_left_out, binning.rays_cast,
+                   binning.convex ? "the object is convex: nothing can shade it"
+                                  : "their cell already had an unshadowed point"});
+  lines.push_back({"back_facing", "point and light pairs", binning.back_facing,
+                   binning.points_tested, "the light is behind the surface, or too oblique"});
+  lines.push_back({"repeated_bins", "repeated bins", binning.repeated, filled_cells,
+                   "the same light had filled the cell already"});
+  lines.push_back({"no_half_vector", "pairs without a half vector", binning.no_half_vector,
+                   std::nullopt, "light exactly behind the object"});
+  lines.push_back({"identical_candidates", "candidates merged", selection.identical_candidates,
+                   out.candidates_offered, "they add the same cells as another"});
+  lines.push_back({"exact_evaluations", "exact evaluations of the criterion",
+                   selection.bounded_away, selection.exact_evaluations,
+                   "a bound already showed a better candidate"});
+  lines.push_back({"candidates_unreachable", "candidates out of reach", out.candidates_unreachable,
+                   out.candidates_offered, "beyond the gantry's travel"});
+  lines.push_back({"candidates_kept_out", "candidates kept out", out.candidates_kept_out,
+                   out.candidates_offered, "inside a keep-out volume or the camera's view"});
+  lines.push_back({"candidates_empty", "candidates that show nothing", selection.empty_candidates,
+                   out.candidates_offered, "no visible point is lit from there"});
+  lines.push_back({"lights", "lights", out.lights_not_needed, fitted,
+                   "the stopping rule found them not worth their time"});
+  lines.push_back({"exposures", "exposures", skipped, taken,
+                   "the metering frame showed that no lit pixel needs them"});
+  lines.push_back({"components", "components", out.components_available - basis.components(),
+                   basis.components(),
+                   record.spec.estimator == Estimator::map
+                       ? "the prior makes limiting them needless"
+                       : "the pseudo-inverse has no prior to hold them"});
+  lines.push_back({"channels", "colour channels", out.channels_not_needed, channels,
+                   channels == 1 ? "the camera is monochrome" : "all are used"});
+  lines.back().left_out = std::max<std::int64_t>(lines.back().left_out, 0);
+  for (LeftOutLine& line : lines) line.left_out = std::max<std::int64_t>(line.left_out, 0);
+  return lines;
+}
+
+std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared& prepared,
+                                     const SessionResult& result) {
+  std::vector<std::string> lines;
+  for (const std::string& remark : prepared.remarks) {
+    // What the object is, is no warning; what had to be repaired in it, is.
+    if (remark != prepared.object.description || repaired(prepared.object.repairs)) {
+      lines.push_back(remark);
+    }
+  }
+  if (!result.absolute_scale) {
+    lines.push_back(
+        "The scale is nominal: it rests on the lamp strength and sensor response written in the "
+        "rig file, not on a calibration. Shape and colour hold; absolute values may be off by one "
+        "factor.");
+  }
+  const std::int64_t cells = result.reconstruction.brdf.f.size();
+  if (result.reconstruction.clipped_cells > 0) {
+    lines.push_back(fmt::format(
+        "{} of {} values lay outside what any basis material shows and were clipped to that range: "
+        "the material may be unlike all of them.",
+        result.reconstruction.clipped_cells, cells));
+  }
+  std::set<int> captured;
+  for (const CapturedShot& shot : record.shots) captured.insert(shot.index);
+  const auto missing = static_cast<std::ptrdiff_t>(record.plan.shots.size()) -
+                       static_cast<std::ptrdiff_t>(captured.size());
+  if (missing > 0) {
+    lines.push_back(fmt::format("{} of {} planned lights are not in this result ({}).", missing,
+                                record.plan.shots.size(), record.state));
+  }
+  for (const LightResult& light : result.lights) {
+    const std::int64_t used = light.rows_value + light.rows_censored;
+    if (used > 0 && 10 * light.rows_censored > 3 * used) {
+      lines.push_back(fmt::format(
+          "{}: {} of its {} bins are too bright or too dark for the exposures taken: offer a "
+          "shorter or a longer one in [bracket].",
+          light.shot.name, light.rows_censored, used));
+    }
+    if (used == 0) {
+      lines.push_back(fmt::format("{}: gave no sample at all: check lamp, pose and exposure.",
+                                  light.shot.name));
+    }
+  }
+  if (result.held_out &&
+      result.held_out->percent > 1.5 * result.reconstruction.predicted_high_percent) {
+    lines.push_back(fmt::format(
+        "The held-out light is {:.1f} % off where at most {:.1f} % was predicted: the object's "
+        "pose, the lamp's position or strength, or the material's uniformity is not as described.",
+        result.held_out->percent, result.reconstruction.predicted_high_percent));
+  }
+  return lines;
+}
+
+std::vector<LightResult> light_results(const Reduction& reduction, const Plan& plan) {
+  std::vector<LightResult> lights;
+  std::set<std::int32_t> seen;
+  for (std::size_t i = 0; i < reduction.shots().size(); ++i) {
+    const ReducedShot& shot = reduction.shots()[i];
+    const BrdfObservations& observed = reduction.observations()[i];
+    LightResult light;
+    light.shot = shot.shot;
+    light.light = shot.light;
+    const SelectedLight& planned = plan.shots[static_cast<std::size_t>(shot.shot.index)].selection;
+    light.condition = planned.condition;
+    light.predicted_error_percent = planned.predicted_error_percent;
+    for (const BrdfObservation& row : observed.rows) {
+      (row.kind == BrdfObservation::Kind::value ? light.rows_value : light.rows_censored) += 1;
+      const bool is_new =
+          shot.shot.held_out ? seen.count(row.cell) == 0 : seen.insert(row.cell).second;
+      // Channels share cells: a held-out light's new cells are counted on its first channel.
+      light.new_cells += is_new && (!shot.shot.held_out || row.channel == 0) ? 1 : 0;
+    }
+    light.misfit_percent =
+        held_out_error({&observed, 1}, reduction.reconstruction(), reduction.basis().mapping.floor)
+            .seen_percent;
+    light.statistics = observed.statistics;
+    lights.push_back(std::move(light));
+  }
+  return lights;
+}
+
+std::string stop_fired(const SessionRecord& record) {
+  for (auto event = record.events.rbegin(); event != record.events.rend(); ++event) {
+    if (event->event != "ended" && event->event != "paused") continue;
+    const std::string reason = event->fields.value("reason", std::string());
+    if (!reason.empty()) return reason;
+  }
+  if (record.shots.size() == record.plan.shots.size()) return "all planned lights captured";
+  return fmt::format("{} of {} lights captured so far", record.shots.size(),
+                     record.plan.shots.size());
+}
+
+bool simulated(const SessionRecord& record) {
+  if (std::holds_alternative<SimulatedCamera>(record.rig.camera.backend)) return true;
+  return std::any_of(record.events.begin(), record.events.end(), [](const JournalEvent& event) {
+    return event.fields.is_object() && event.fields.value("simulated", false);
+  });
+}
+
+std::string describe(Estimator estimator, Eigen::Index components) {
+  return estimator == Estimator::map
+             ? fmt::format("MAP with the basis' prior, {} components", components)
+             : fmt::format("pseudo-inverse, {} components", components);
+}
+
+std::string describe(const LogMapping& mapping) {
+  switch (mapping.kind) {
+    case Mapping::ln_floor:
+      return "ln max(f, floor)";
+    case Mapping::ln_offset:
+      return "ln(f + floor)";
+    case Mapping::log_relative:
+      return "log-relative, cosine-weighted";
+  }
+  return "";
+}
+
+std::string describe(const Plan& plan) {
+  switch (plan.stop) {
+    case StopRule::literal:
+      return "until the criterion no longer fell";
+    case StopRule::plateau:
+      return fmt::format("when a further light lowered the criterion by less than {:.0f} %",
+                         100 * plan.stop_value);
+    case StopRule::count:
+      return fmt::format("after {:.0f} lights", plan.stop_value);
+  }
+  return "";
+}
+
+}  // namespace lightrig

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "daemon/session/prepare.h"
+#include "daemon/session/reduction.h"
+#include "daemon/session/session_result.h"
+
+namespace lightrig {
+
+/// What the scene did not need, from the plan's counts and the session's skipped exposures, in the
+/// order people read it.
+std::vector<LeftOutLine> left_out_lines(const SessionRecord& record, const Prepared& prepared,
+                                        const BrdfBasis& basis);
+
+/// What a person should know before using a result: remarks of preparation, nominal scale, clipped
+/// and saturated data, lights planned and not captured, a held-out light that contradicts the
+/// prediction.
+std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared& prepared,
+                                     const SessionResult& result);
+
+/// Per light: what was planned of it, what came of it.
+std::vector<LightResult> light_results(const Reduction& reduction, const Plan& plan);
+
+/// Why the capture ended where it did, in one sentence.
+std::string stop_fired(const SessionRecord& record);
+
+/// Whether the journal or the rig says that the devices were simulated in memory.
+bool simulated(const SessionRecord& record);
+
+std::string describe(Estimator estimator, Eigen::Index components);
+std::string describe(const LogMapping& mapping);
+std::string describe(const Plan& plan);
+
+}  // namespace lightrig
