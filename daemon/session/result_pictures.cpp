@@ -119,8 +119,9 @@ void draw_coverage(const Reduction& reduction, Album& album, ResultPictures& out
                                          cell_pixels));
   for (std::size_t i = 0; i < own.size(); ++i) {
     const std::string& name = reduction.shots()[i].shot.name;
-    out.lights.push_back(
-        {name, {}, album.add(name + "-cells.png", bins_picture(grid, own[i], all), 0.8)});
+    ResultPictures::Light& light = out.lights.emplace_back();
+    light.name = name;
+    light.bins = album.add(name + "-cells.png", bins_picture(grid, own[i], all), 0.8);
   }
 }
 
