@@ -48,6 +48,7 @@ class Journal {
   /// was before.
   Result<JournalEvent> append(const std::string& event, nlohmann::ordered_json fields);
   const std::vector<JournalEvent>& replayed() const { return replayed_; }
+  std::uint64_t next_sequence() const { return next_; }
   bool torn_tail() const { return torn_tail_; }  ///< one was found and cut on opening
 
  private:

@@ -1,12 +1,14 @@
 #pragma once
 
 #include <chrono>
+#include <condition_variable>
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <stop_token>
 #include <string>
+#include <string_view>
 
 #include "config/rig.h"
 #include "daemon/session/journal.h"
@@ -16,25 +18,34 @@
 
 namespace lightrig {
 
-/// What a person may ask of a running session. Abort is apart: it is the stop token, seen by every
-/// device call.
+/// What a person may ask of a running session; called from any thread. Abort and halt are the stop
+/// token, seen by every device call.
 class SessionControl {
  public:
-  void pause(std::string reason);  ///< after the exposure in progress
-  void resume();
-  void stop_after_shot();
-  void abort(std::string reason);  ///< device calls return within 10 ms
+  void pause(std::string reason);  ///< after the exposure in progress, lamp dark until resume()
+  void resume();                   ///< goes on from any pause whose cause is gone
+  void stop_after_shot();          ///< ends `stopped_early` when the shot in progress is stored
+  void abort(std::string reason);  ///< device calls return within 10 ms; ends `aborted`
+  void halt(std::string reason);   ///< as abort, but ends `paused`: the service itself has to stop
 
   std::stop_token stop_token() const { return stop_.get_token(); }
   bool pause_requested() const;
   bool stop_after_shot_requested() const;
+  bool halted() const;
   std::string reason() const;
+
+  /// Waits for a person's resume() or the stop token, at most this long (real time: people do not
+  /// run on the rig's clock). True when one of them came.
+  bool wait_for_word(std::chrono::milliseconds at_most);
 
  private:
   mutable std::mutex mutex_;
+  std::condition_variable_any word_;
   std::stop_source stop_;
   bool pause_ = false;
+  bool resumed_ = false;
   bool stop_after_shot_ = false;
+  bool halted_ = false;
   std::string reason_;
 };
 
@@ -55,12 +66,18 @@ struct SessionEnd {
   bool lamp_may_be_on = false;
 };
 
+/// Who is told; each may be empty. All are called by the capturing thread, which waits for them:
+/// they hand over and return. `progress` comes at least twice a second while the session pauses or
+/// waits for the disk, and with every step otherwise: a watchdog may feed on it.
 struct SessionListeners {
   std::function<void(const JournalEvent&)> event;  ///< after it is durable
   std::function<void(const SessionProgress&)> progress;
   std::function<void(const Frame&, const std::string& shot)>
       frame;  ///< each stored frame, for a preview
 };
+
+/// Opens the rig's devices anew after a disconnection; the old ones are destroyed before.
+using ReopenDevices = std::function<Result<Devices>()>;
 
 /// UTC date, time and sample id, safe as a file name: "20261122T031500Z-brass-3".
 std::string make_session_id(const SessionSpec& spec, std::chrono::system_clock::time_point now);
@@ -74,9 +91,23 @@ Result<SessionFolder> create_session(const Rig& rig, const SessionSpec& spec,
 /// Captures what the folder's journal does not yet hold: home, dark frames, then each shot in visit
 /// order — move, settle, verify, ambient, metering, bracket, verify, store, journal — reducing
 /// alongside. Returns when done, stopped, paused with no way on, aborted or faulted; the lamp is
-/// dark then, or the end says LAMP MAY BE ON. Resuming is calling it again.
+/// dark then, or the end says LAMP MAY BE ON. Resuming is calling it again: after homing, a
+/// reference frame is compared with the last shot's. Frames that no journal entry vouches for are
+/// moved to rejected/. Without `reopen` a lost device ends the session.
 SessionEnd capture(const SessionFolder& folder, const Rig& rig, const SessionSpec& spec,
                    const Prepared& prepared, Devices& devices, Clock& clock,
-                   SessionControl& control, const SessionListeners& listeners);
+                   SessionControl& control, const SessionListeners& listeners,
+                   const ReopenDevices& reopen = {});
+
+/// Takes a shot back, so that the next capture() takes it anew; its frames go to rejected/. Errors:
+/// not_found when no such shot is captured, refused while the session is being captured.
+Result<void> retake_shot(const SessionFolder& folder, const std::string& name);
+
+/// Journals "sealed" and writes manifest-sha256.txt over every file of the folder (BagIt's manifest
+/// lines). Doing it again is harmless. Errors: refused while the session is being captured or not
+/// ended, no_space.
+Result<void> seal_session(const SessionFolder& folder);
+
+std::string_view name_of(SessionOutcome outcome);
 
 }  // namespace lightrig

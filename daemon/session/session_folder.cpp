@@ -59,6 +59,7 @@ void apply(const JournalEvent& event, const JsonCursor& at, Captured& captured) 
   } else if (event.event == "retake") {
     forget(captured.shots, at["name"].text());
     captured.state = "paused";
+    captured.sealed = false;
   } else if (event.event == "started" || event.event == "resumed") {
     captured.state = "capturing";
     captured.outcome_reason.clear();

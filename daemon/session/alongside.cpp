@@ -1,0 +1,71 @@
+#include "daemon/session/alongside.h"
+
+#include <utility>
+
+#include "core/check.h"
+
+namespace lightrig {
+
+Alongside::Alongside(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                     const SessionFolder& folder)
+    : rig_(rig), spec_(spec), prepared_(prepared), folder_(folder) {}
+
+Alongside::~Alongside() = default;
+
+void Alongside::start(std::vector<StoredFrame> darks) {
+  CHECK(!thread_.joinable());
+  thread_ = std::jthread(
+      [this, held = std::move(darks)](const std::stop_token& stop) { run(stop, held); });
+}
+
+void Alongside::add(CapturedShot shot) {
+  {
+    const std::lock_guard lock(mutex_);
+    queue_.push_back(std::move(shot));
+  }
+  changed_.notify_all();
+}
+
+std::optional<CurvePoint> Alongside::latest() const {
+  const std::lock_guard lock(mutex_);
+  return latest_;
+}
+
+std::optional<CurvePoint> Alongside::wait_for_all(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  const bool done =
+      changed_.wait(lock, stop, [this] { return failed_ || (queue_.empty() && !working_); });
+  return done && !failed_ ? latest_ : std::nullopt;
+}
+
+std::string Alongside::take_problem() {
+  const std::lock_guard lock(mutex_);
+  return std::exchange(problem_, {});
+}
+
+void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks) {
+  // One thread: the motion leaves time enough, and the session thread must not wait for a core.
+  Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks), 1);
+  std::unique_lock lock(mutex_);
+  while (changed_.wait(lock, stop, [this] { return !queue_.empty(); })) {
+    if (stop.stop_requested()) return;
+    const CapturedShot shot = std::move(queue_.front());
+    queue_.pop_front();
+    working_ = true;
+    lock.unlock();
+    const Result<void> added = reduction.add(shot);
+    std::optional<CurvePoint> point;
+    if (added) point = reduction.estimate();
+    lock.lock();
+    working_ = false;
+    if (point) {
+      latest_ = *point;
+    } else if (!failed_) {
+      failed_ = true;
+      problem_ = shot.name + ": " + added.error().message;
+    }
+    changed_.notify_all();
+  }
+}
+
+}  // namespace lightrig

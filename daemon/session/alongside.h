@@ -1,0 +1,56 @@
+#pragma once
+
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <thread>
+
+#include "daemon/session/reduction.h"
+
+namespace lightrig {
+
+/// Reduces shots while the next ones are captured, on a thread of its own, so that the error so far
+/// is known. What it finds is for watching and for stopping early; the session's result is always
+/// reduced again from the folder. The queue never holds more shots than the plan has.
+class Alongside {
+ public:
+  Alongside(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+            const SessionFolder& folder);
+  /// Ends the thread after the shot it is at; what is queued is left.
+  ~Alongside();
+  Alongside(const Alongside&) = delete;
+  Alongside& operator=(const Alongside&) = delete;
+
+  /// Begins, once the dark frames are known.
+  void start(std::vector<StoredFrame> darks);
+  void add(CapturedShot shot);
+
+  /// The newest estimate.
+  std::optional<CurvePoint> latest() const;
+  /// The estimate over all that was added; waits for it. Empty when stopped, failed or nothing was
+  /// added.
+  std::optional<CurvePoint> wait_for_all(const std::stop_token& stop);
+  /// The first failure, once; "" when there is none.
+  std::string take_problem();
+
+ private:
+  void run(const std::stop_token& stop, std::vector<StoredFrame> darks);
+
+  const Rig& rig_;
+  const SessionSpec& spec_;
+  const Prepared& prepared_;
+  SessionFolder folder_;
+  mutable std::mutex mutex_;
+  std::condition_variable_any changed_;
+  std::deque<CapturedShot> queue_;
+  bool working_ = false;
+  bool failed_ = false;
+  std::string problem_;
+  std::optional<CurvePoint> latest_;
+  std::jthread thread_;  ///< last: it uses all of the above
+};
+
+}  // namespace lightrig

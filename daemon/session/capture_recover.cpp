@@ -1,0 +1,230 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <system_error>
+
+#include "daemon/session/capture_run.h"
+
+namespace lightrig {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr milliseconds pause_beat{250};         ///< between looks at what a pause waits for
+constexpr milliseconds interlock_calm{2000};    ///< an input must stay closed this long
+constexpr milliseconds longest_backoff{30000};  ///< between tries when space seems there but is not
+constexpr int most_rehomings = 1;               ///< beside the homing a session begins with
+/// Beyond the frames in hand: journal lines, sidecars, and what a file system keeps for itself.
+constexpr std::uintmax_t spare_bytes = 256 * 1024;
+
+const char* name_of(Remedy remedy) {
+  switch (remedy) {
+    case Remedy::again:
+      return "again";
+    case Remedy::reopen:
+      return "reopen";
+    case Remedy::mend:
+      return "mend";
+    case Remedy::wait_for_space:
+      return "wait_for_space";
+    case Remedy::give_up:
+      return "give_up";
+  }
+  return "unknown";
+}
+
+}  // namespace
+
+/// After a failed step: lamp dark, then the remedy the policy names, until the step may be done
+/// anew or is given up. A remedy that fails is a failure like any other.
+Result<void> CaptureRun::recover(const std::string& step, Error error, RetryTally& tally) {
+  while (true) {
+    if (!hand_.lamp_known_dark()) (void)hand_.lamp_dark();
+    if (hand_.stop_requested()) return fail(ErrorCode::stopped, error.message);
+    Remedy remedy = tally.next(error.code);
+    if (remedy == Remedy::reopen && !t_.reopen) remedy = Remedy::give_up;
+    if (remedy == Remedy::give_up) return tl::unexpected(error);
+    if (remedy != Remedy::wait_for_space) {
+      auto noted = note("retry", {{"step", step},
+                                  {"code", name_of(error.code)},
+                                  {"reason", error.message},
+                                  {"remedy", name_of(remedy)}});
+      if (!noted) return noted;
+    }
+    Result<void> mended;
+    if (remedy == Remedy::wait_for_space) {
+      mended = wait_for_space();
+    } else {
+      if (remedy == Remedy::reopen) mended = hand_.reopen(t_.reopen);
+      if (mended) mended = look(remedy == Remedy::mend ? std::optional(error) : std::nullopt);
+    }
+    if (mended) return {};
+    const bool same = mended.error().message == error.message;
+    error = mended.error();
+    if (same && remedy == Remedy::mend) return mended;
+  }
+}
+
+/// Reads the gantry's status before anything is done anew, and puts right what may be put right
+/// without a person: an interlock that opened is waited for, a lost home is found again, once.
+/// `unless_mended` is the error to give back when there was nothing to put right.
+Result<void> CaptureRun::look(const std::optional<Error>& unless_mended) {
+  bool mended = false;
+  auto now = hand_.wait_for_rest();
+  if (!now) return tl::unexpected(now.error());
+  if (!now->open_interlocks.empty()) {
+    if (auto closed = pause_for_interlocks(now->open_interlocks); !closed) return closed;
+    mended = true;
+    now = hand_.wait_for_rest();
+    if (!now) return tl::unexpected(now.error());
+  }
+  if (!now->alarm.empty()) {
+    return fail(ErrorCode::refused, "the gantry reports alarm " + now->alarm +
+                                        "; find its cause, clear it, and resume the session");
+  }
+  if (!now->homed) {
+    if (rehomings_ >= most_rehomings) {
+      return fail(ErrorCode::refused,
+                  "the gantry has lost its home position again; have the axes and their switches "
+                  "looked at, then resume the session");
+    }
+    ++rehomings_;
+    say("homing again");
+    if (auto homed = hand_.home(); !homed) return homed;
+    homed_ = true;
+    mended = true;
+  }
+  if (unless_mended && !mended) return tl::unexpected(*unless_mended);
+  return {};
+}
+
+/// Waits with the lamp dark until `may_go_on` says so (Result<bool>; asked every beat, told whether
+/// a person said to resume). Errors: stopped, and those of may_go_on and the journal.
+template <class MayGoOn>
+Result<void> CaptureRun::pause(const char* why, const std::string& reason, MayGoOn may_go_on) {
+  if (auto dark = hand_.lamp_dark(); !dark && !hand_.lamp_known_dark()) return dark;
+  const nlohmann::ordered_json fields{{"why", why},
+                                      {"reason", reason},
+                                      {"measured", {{"at", utc_now()}, {"elapsed_s", elapsed()}}}};
+  const std::string before = activity_;
+  // On a full disk this line may have to wait for the end of the pause.
+  bool paused_noted = static_cast<bool>(try_note("paused", fields));
+  while (true) {
+    say("paused: " + reason);
+    const bool word = t_.control.wait_for_word(pause_beat);
+    if (hand_.stop_requested()) return fail(ErrorCode::stopped, "stopped while paused");
+    const Result<bool> go_on = may_go_on(word);
+    if (!go_on) return tl::unexpected(go_on.error());
+    if (!*go_on) continue;
+    if (!paused_noted) paused_noted = static_cast<bool>(try_note("paused", fields));
+    const auto resumed =
+        try_note("resumed", {{"measured", {{"at", utc_now()}, {"elapsed_s", elapsed()}}}});
+    if (resumed) break;
+    if (resumed.error().code != ErrorCode::no_space) return resumed;
+  }
+  say(before);
+  return {};
+}
+
+Result<void> CaptureRun::pause_for_person() {
+  const std::string asked = t_.control.reason();
+  return pause("person", asked.empty() ? "on request" : asked,
+               [this](bool) -> Result<bool> { return !t_.control.pause_requested(); });
+}
+
+Result<void> CaptureRun::pause_for_interlocks(const std::vector<std::string>& names) {
+  const bool by_itself = std::ranges::all_of(names, [this](const std::string& name) {
+    return std::ranges::any_of(t_.rig.interlocks, [&](const Interlock& interlock) {
+      return interlock.name == name && interlock.resume_by_itself;
+    });
+  });
+  bool told = false;
+  std::optional<std::chrono::steady_clock::time_point> closed_since;
+  const std::string reason = fmt::format("interlock open: {}; close it{}", fmt::join(names, ", "),
+                                         by_itself ? "" : " and resume");
+  return pause("condition", reason, [&, this](bool word) -> Result<bool> {
+    told = told || word;
+    const auto now = hand_.status();
+    if (!now) return tl::unexpected(now.error());
+    const auto time = std::chrono::steady_clock::now();
+    if (!now->open_interlocks.empty()) {
+      closed_since.reset();
+      told = false;  // a word given while it was open does not count once it closes
+      return false;
+    }
+    if (!closed_since) closed_since = time;
+    return told || (by_itself && time - *closed_since >= interlock_calm);
+  });
+}
+
+/// Pauses until the disk has room for the frames in hand. Where room is reported and yet writing
+/// fails (a quota), the waits grow longer.
+Result<void> CaptureRun::wait_for_space() {
+  std::uintmax_t needed = spare_bytes;
+  for (const TakenFrame& taken : store_.in_hand()) {
+    needed += taken.frame.counts.counts.size() * sizeof(std::uint32_t);
+  }
+  const auto backoff = std::min(longest_backoff, pause_beat * (1 << std::min(space_waits_, 10)));
+  ++space_waits_;
+  const auto began = std::chrono::steady_clock::now();
+  const std::string reason = fmt::format(
+      "the disk of '{}' is full: free at least {:.1f} MB there; the session then goes on by itself",
+      t_.folder.root.string(), static_cast<double>(needed) / 1e6);
+  return pause("no_space", reason, [&, this](bool word) -> Result<bool> {
+    if (word) return true;
+    if (std::chrono::steady_clock::now() - began < backoff) return false;
+    std::error_code problem;
+    const auto space = std::filesystem::space(t_.folder.root, problem);
+    return !problem && space.available >= needed;
+  });
+}
+
+/// Journals an event, waiting for the disk where it is full.
+Result<void> CaptureRun::note(const std::string& event, nlohmann::ordered_json fields) {
+  while (true) {
+    auto noted = try_note(event, fields);
+    if (noted || noted.error().code != ErrorCode::no_space) return noted;
+    if (auto waited = wait_for_space(); !waited) return waited;
+  }
+}
+
+Result<void> CaptureRun::try_note(const std::string& event, const nlohmann::ordered_json& fields) {
+  const auto appended = journal_.append(event, fields);
+  if (!appended) return tl::unexpected(appended.error());
+  if (t_.listeners.event) t_.listeners.event(*appended);
+  return {};
+}
+
+void CaptureRun::say(const std::string& activity) {
+  activity_ = activity;
+  if (!t_.listeners.progress) return;
+  SessionProgress progress;
+  progress.activity = activity;
+  progress.shots_done = static_cast<int>(captured_.shots.size());
+  progress.shots_total = static_cast<int>(t_.prepared.plan.shots.size());
+  progress.elapsed_s = elapsed();
+  progress.remaining_s = remaining();
+  progress.predicted_error_percent = t_.prepared.plan.mean_only_error_percent;
+  if (const auto point = alongside_.latest()) {
+    progress.predicted_error_percent = point->predicted_error_percent;
+    progress.held_out_error_percent = point->held_out_error_percent;
+    progress.true_error_percent = point->true_error_percent;
+  }
+  t_.listeners.progress(progress);
+}
+
+double CaptureRun::elapsed() const {
+  return elapsed_before_ + std::chrono::duration<double>(t_.clock.now() - began_).count();
+}
+
+double CaptureRun::remaining() const {
+  double seconds = captured_.darks.empty() ? predicted_.dark : 0;
+  for (const ShotTime& shot : predicted_.shots) {
+    const bool in_hand = pending_ && pending_->index == shot.shot;
+    if (!in_hand && !is_captured(shot.shot)) seconds += shot.total();
+  }
+  return seconds;
+}
+
+}  // namespace lightrig

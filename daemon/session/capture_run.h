@@ -1,0 +1,132 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "daemon/session/alongside.h"
+#include "daemon/session/capture_time.h"
+#include "daemon/session/device_hand.h"
+#include "daemon/session/frame_store.h"
+#include "daemon/session/lit_sites.h"
+#include "daemon/session/retry.h"
+#include "daemon/session/session.h"
+#include "daemon/session/session_upkeep.h"
+
+namespace lightrig {
+
+/// What a capture works with, lent by its caller for as long as it runs.
+struct CaptureTools {
+  const SessionFolder& folder;
+  const Rig& rig;
+  const SessionSpec& spec;
+  const Prepared& prepared;
+  Devices& devices;
+  Clock& clock;
+  SessionControl& control;
+  const SessionListeners& listeners;
+  const ReopenDevices& reopen;
+};
+
+/// How a part of a session ends that no error ended.
+struct Ending {
+  SessionOutcome outcome = SessionOutcome::done;
+  std::string reason;
+};
+
+/// A shot whose frames are taken and verified, and not yet journaled.
+struct TakenShot {
+  int index = -1;
+  std::vector<TakenFrame> frames;
+  std::vector<double> skipped;  ///< [s]
+  GantryPosition stood_at;      ///< as read after the last exposure
+  std::string finished_at;      ///< UTC
+};
+
+/// One call of capture(). The story is told in capture_run.cpp, one shot in capture_shot.cpp,
+/// waiting and recovering in capture_recover.cpp.
+class CaptureRun {
+ public:
+  CaptureRun(const CaptureTools& tools, Journal journal, Captured captured);
+  SessionEnd run();
+
+ private:
+  // The story.
+  Result<Ending> story();
+  Result<void> begin();
+  Result<void> home();
+  Result<void> ensure_darks();
+  Result<std::optional<Ending>> compare_reference();
+  Result<FrameLikeness> reference_likeness(const CapturedShot& shot, const StoredFrame& stored);
+  Result<std::optional<Ending>> capture_next(int index);
+  std::optional<Ending> early_ending();
+  Result<void> collect_shot();
+  CapturedShot describe(std::vector<StoredFrame> stored) const;
+  nlohmann::ordered_json shot_fields(const CapturedShot& captured) const;
+  SessionEnd finish(const Result<Ending>& ending);
+  bool end_dark();
+  std::string save_what_is_in_hand();
+
+  // One shot.
+  Result<void> approach(int index);
+  Result<TakenShot> take_shot(int index);
+  Result<void> take_ambient(TakenShot& shot);
+  Result<std::vector<double>> meter(TakenShot& shot);
+  Result<TakenFrame> take(const std::string& folder, const std::string& name,
+                          const std::string& role, double exposure);
+  std::string exposure_name(double exposure) const;
+  Result<void> checkpoint(const GantryPosition& target);
+
+  // Waiting and recovering.
+  template <class Attempt>
+  auto persevere(const std::string& step, Attempt attempt) -> decltype(attempt());
+  Result<void> recover(const std::string& step, Error error, RetryTally& tally);
+  Result<void> look(const std::optional<Error>& unless_mended);
+  Result<void> pause_for_person();
+  Result<void> pause_for_interlocks(const std::vector<std::string>& names);
+  Result<void> wait_for_space();
+  template <class MayGoOn>
+  Result<void> pause(const char* why, const std::string& reason, MayGoOn may_go_on);
+
+  // Telling.
+  Result<void> note(const std::string& event, nlohmann::ordered_json fields);
+  Result<void> try_note(const std::string& event, const nlohmann::ordered_json& fields);
+  void say(const std::string& activity);
+  double elapsed() const;
+  double remaining() const;
+  bool is_captured(int index) const;
+  const Shot& planned(int index) const;
+  std::string name_of_shot(int index) const;
+
+  const CaptureTools& t_;
+  Journal journal_;
+  Captured captured_;
+  DeviceHand hand_;
+  FrameStore store_;
+  Alongside alongside_;
+  CaptureTime predicted_;
+  std::optional<TakenShot> pending_;  ///< in the store, not journaled; its frames are the store's
+  TimePoint began_;
+  double elapsed_before_ = 0;  ///< [s] of earlier parts
+  std::string activity_;
+  bool homed_ = false;
+  int rehomings_ = 0;
+  int space_waits_ = 0;  ///< in a row without anything stored between
+  Error dark_problem_;   ///< why the lamp could not be switched off, if so
+};
+
+/// Repeats a step as the retry policy says.
+template <class Attempt>
+auto CaptureRun::persevere(const std::string& step, Attempt attempt) -> decltype(attempt()) {
+  RetryTally tally;
+  while (true) {
+    auto result = attempt();
+    if (result) return result;
+    if (auto recovered = recover(step, result.error(), tally); !recovered) {
+      return tl::unexpected(recovered.error());
+    }
+  }
+}
+
+}  // namespace lightrig

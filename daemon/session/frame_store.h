@@ -1,0 +1,65 @@
+#pragma once
+
+#include <condition_variable>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "core/image.h"
+#include "daemon/session/session_folder.h"
+
+namespace lightrig {
+
+/// A frame in hand, not yet on disk.
+struct TakenFrame {
+  Frame frame;
+  std::string file;      ///< relative to the session folder
+  std::string role;      ///< as StoredFrame::role
+  double asked = 0;      ///< [s] exposure asked for
+  std::string taken_at;  ///< UTC, ISO 8601
+};
+
+/// Stores the frames of one shot at a time on a thread of its own, so that storing overlaps the
+/// next move. A shot whose storing failed stays in hand until it is stored: nothing taken is lost
+/// to a full disk. Destroying it ends the thread, after the shot in hand.
+class FrameStore {
+ public:
+  FrameStore(SessionFolder folder, ColorFilter filter);
+  ~FrameStore();
+  FrameStore(const FrameStore&) = delete;
+  FrameStore& operator=(const FrameStore&) = delete;
+
+  /// Begins to store these frames. The one before must have been collected.
+  void begin(std::vector<TakenFrame> frames);
+
+  /// Frames are in hand: being stored, or waiting to be tried again.
+  bool busy() const;
+
+  /// Waits until the frames are stored; what they are now called. Errors: those of write_durably,
+  /// or stopped; the frames then stay in hand, and collecting again tries again.
+  Result<std::vector<StoredFrame>> collect(const std::stop_token& stop);
+
+  /// The frames in hand, for previews; valid between begin() and a successful collect().
+  const std::vector<TakenFrame>& in_hand() const { return frames_; }
+
+ private:
+  void run(const std::stop_token& stop);
+  Result<std::vector<StoredFrame>> store() const;
+
+  SessionFolder folder_;
+  ColorFilter filter_;
+  mutable std::mutex mutex_;
+  std::condition_variable_any changed_;
+  std::vector<TakenFrame> frames_;  ///< written by begin() and collect() while not storing_
+  bool storing_ = false;
+  std::optional<Result<std::vector<StoredFrame>>> outcome_;
+  std::jthread thread_;  ///< last: it uses all of the above
+};
+
+/// "2026-11-22T03:15:00.123Z".
+std::string utc_now();
+
+}  // namespace lightrig

@@ -1,0 +1,304 @@
+#include "daemon/session/prepare.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <thread>
+#include <utility>
+
+#include "config/load_materials.h"
+#include "core/route.h"
+#include "daemon/session/capture_time.h"
+#include "daemon/session/lay_candidates.h"
+
+namespace lightrig {
+namespace {
+
+/// Notes how long each stage took.
+class StageClock {
+ public:
+  explicit StageClock(std::vector<StageCost>& cost) : cost_(cost) {}
+  void done(const char* stage) {
+    const auto now = std::chrono::steady_clock::now();
+    cost_.push_back({stage, std::chrono::duration<double>(now - last_).count()});
+    last_ = now;
+  }
+
+ private:
+  std::vector<StageCost>& cost_;
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+int thread_count() { return static_cast<int>(std::max(1U, std::thread::hardware_concurrency())); }
+
+// The condition number weighs every component alike, also those that carry next to nothing: it is
+// taken over the components that matter [METHOD: K = 45, 99.89 % of MERL's variance].
+constexpr Eigen::Index most_condition_components = 45;
+constexpr double condition_variance = 0.9989;
+
+/// The first components that hold `condition_variance` of what all of them hold.
+Eigen::Index condition_components(const BrdfBasis& basis) {
+  const double wanted = condition_variance * basis.stddev.squaredNorm();
+  double held = 0;
+  Eigen::Index k = 0;
+  while (k < basis.components() && held < wanted) {
+    held += basis.stddev[k] * basis.stddev[k];
+    ++k;
+  }
+  return std::clamp(k, Eigen::Index{1}, std::min(most_condition_components, basis.components()));
+}
+
+Result<void> load(const SessionSpec& spec, Prepared& prepared, StageClock& clock) {
+  auto object = load_object(spec.object);
+  if (!object) return tl::unexpected(object.error());
+  prepared.object = std::move(*object);
+  prepared.remarks.push_back(prepared.object.description);
+  clock.done("mesh");
+  prepared.occluder = std::make_shared<const Occluder>(prepared.object.mesh);
+  clock.done("occluder");
+  auto loaded = load_materials(spec.materials);
+  if (!loaded) return tl::unexpected(loaded.error());
+  prepared.materials = std::move(loaded->materials);
+  prepared.remarks.insert(prepared.remarks.end(), loaded->remarks.begin(), loaded->remarks.end());
+  clock.done("materials");
+  return {};
+}
+
+Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock& clock) {
+  BasisOptions options;
+  options.layout = spec.materials.layout;
+  options.mapping = spec.materials.mapping;
+  options.floor = spec.materials.floor;
+  options.components = spec.materials.components;
+  auto basis = make_basis(prepared.materials, options);
+  if (!basis) return tl::unexpected(basis.error());
+  prepared.fit_basis = std::move(*basis);
+  prepared.plan_basis = prepared.fit_basis;
+  const bool chosen_by_hand = spec.materials.components > 0;
+  // Without a prior every component must be seen, so a pseudo-inverse takes as many as the
+  // condition number does.
+  if (!chosen_by_hand && spec.plan.criterion == Criterion::condition) {
+    prepared.plan_basis = truncated(prepared.fit_basis, condition_components(prepared.fit_basis));
+  }
+  if (!chosen_by_hand && spec.estimator == Estimator::pseudo_inverse) {
+    prepared.fit_basis = truncated(prepared.fit_basis, condition_components(prepared.fit_basis));
+  }
+  clock.done("basis");
+  return {};
+}
+
+Result<void> look_at_object(const Rig& rig, const SessionSpec& spec, Prepared& prepared,
+                            StageClock& clock) {
+  const CameraModel& camera = rig.camera.model;
+  prepared.points = spec.plan.points == PointSource::pixels
+                        ? points_of_pixels(prepared.object.mesh, *prepared.occluder, camera,
+                                           spec.plan.pixel_stride)
+                        : points_of_vertices(prepared.object.mesh, *prepared.occluder, camera);
+  clock.done("points");
+  if (prepared.points.size() > 0) return {};
+  const Eigen::Vector3d centre = prepared.object.mesh.vertices.rowwise().mean();
+  const Eigen::Vector2d pixel = project(camera, centre);
+  return fail(
+      ErrorCode::invalid_input,
+      fmt::format("look at the object: the camera sees no point of it ({}; its centre ({:.4g}, "
+                  "{:.4g}, {:.4g}) m falls on pixel ({:.0f}, {:.0f}) of {} × {}); check "
+                  "[camera] pose and focal length, and [object] position, size and unit",
+                  prepared.object.description, centre.x(), centre.y(), centre.z(), pixel.x(),
+                  pixel.y(), camera.width, camera.height));
+}
+
+tl::unexpected<Error> nothing_lit(const LeftOut& left_out, std::size_t candidates,
+                                  Eigen::Index points) {
+  return fail(
+      ErrorCode::invalid_input,
+      fmt::format("find lamp positions: of {} offered, {} are out of the gantry's travel, {} "
+                  "in a keep-out volume or in the picture, and the {} that are left light "
+                  "none of the {} points the camera sees within the grazing limits; check "
+                  "[gantry] travel, [keep_out] and where the camera looks",
+                  left_out.candidates_offered, left_out.candidates_unreachable,
+                  left_out.candidates_kept_out, candidates, points));
+}
+
+Result<void> bin(const Rig& rig, const SessionSpec& spec, Prepared& prepared, StageClock& clock) {
+  LeftOut& left_out = prepared.plan.left_out;
+  CandidateLayout layout = lay_candidates(rig);
+  left_out.candidates_offered = layout.offered;
+  left_out.candidates_unreachable = layout.unreachable;
+  left_out.candidates_kept_out = layout.kept_out;
+  prepared.candidates = std::move(layout.candidates);
+  std::vector<LightPosition> lights;
+  lights.reserve(prepared.candidates.size());
+  for (const Candidate& candidate : prepared.candidates) lights.push_back(candidate.light);
+  const BrdfBasis& basis = prepared.plan_basis;
+  BinningResult binned =
+      bin_candidates(prepared.points, lights, basis.grid, basis.valid, spec.plan.limits,
+                     *prepared.occluder, spec.plan.shadows, thread_count());
+  clock.done("bins");
+  prepared.bins = std::move(binned.bins);
+  left_out.binning = binned.statistics;
+  if (prepared.bins.cell.empty()) {
+    return nothing_lit(left_out, prepared.candidates.size(), prepared.points.size());
+  }
+  return {};
+}
+
+/// A well-mixed 64-bit number from a counter [Steele, Lea, Flood 2014].
+std::uint64_t split_mix(std::uint64_t x) {
+  x += 0x9E3779B97F4A7C15U;
+  x = (x ^ (x >> 30U)) * 0xBF58476D1CE4E5B9U;
+  x = (x ^ (x >> 27U)) * 0x94D049BB133111EBU;
+  return x ^ (x >> 31U);
+}
+
+constexpr double held_out_distance = 0.17453292519943295;  // [rad] 10° from every planned light
+
+/// Angle between two lamp positions as the object's middle sees them [rad].
+double angle_between(const LightPosition& a, const LightPosition& b,
+                     const Eigen::Vector3d& middle) {
+  const Eigen::Vector3d u = a.direction_from(middle), v = b.direction_from(middle);
+  return 2 * std::asin(std::min(1.0, 0.5 * (u - v).norm()));
+}
+
+/// Lights that are captured to test the result and never fitted: drawn with the seed from those
+/// that show at least half as many cells as the richest candidate and, where there are such, stand
+/// clear of every planned light, so that the test is not of a light just seen.
+std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec) {
+  const Eigen::Vector3d middle = prepared.points.position.rowwise().mean();
+  std::vector<int> taken;
+  for (const Shot& shot : prepared.plan.shots) taken.push_back(shot.candidate);
+  std::size_t richest = 0;
+  const int count = prepared.bins.candidates();
+  for (int i = 0; i < count; ++i) richest = std::max(richest, prepared.bins.of(i).size());
+  const auto light = [&](int i) { return prepared.candidates[static_cast<std::size_t>(i)].light; };
+  std::vector<int> held_out;
+  while (static_cast<int>(held_out.size()) < spec.plan.held_out_lights) {
+    std::vector<int> clear, near;
+    for (int i = 0; i < count; ++i) {
+      if (2 * prepared.bins.of(i).size() < richest || std::ranges::count(taken, i) > 0) continue;
+      const bool far = std::ranges::all_of(taken, [&](int other) {
+        return angle_between(light(i), light(other), middle) >= held_out_distance;
+      });
+      (far ? clear : near).push_back(i);
+    }
+    const std::vector<int>& offered = clear.empty() ? near : clear;
+    if (offered.empty()) break;
+    const std::uint64_t draw = split_mix(split_mix(spec.plan.seed) + held_out.size());
+    held_out.push_back(offered[draw % offered.size()]);
+    taken.push_back(held_out.back());
+  }
+  return held_out;
+}
+
+Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLight& selected) {
+  const Candidate& candidate = prepared.candidates[static_cast<std::size_t>(selected.candidate)];
+  Shot shot;
+  shot.candidate = selected.candidate;
+  shot.light = candidate.light;
+  shot.gantry = candidate.gantry;
+  shot.exposures = spec.bracket.exposures;
+  shot.selection = selected;
+  return shot;
+}
+
+Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_force,
+                           Prepared& prepared, StageClock& clock) {
+  SelectionOptions options;
+  options.criterion = spec.plan.criterion;
+  options.stop = spec.plan.stop;
+  options.plateau = spec.plan.plateau;
+  options.max_lights = spec.plan.max_lights;
+  options.sigma = prepared.plan_basis.model_sigma;
+  options.brute_force = brute_force;
+  options.threads = thread_count();
+  const Selection selection = select_lights(prepared.plan_basis, prepared.bins, options);
+  clock.done("select");
+  Plan& plan = prepared.plan;
+  plan.criterion = spec.plan.criterion;
+  plan.stop = spec.plan.stop;
+  plan.stop_value = spec.plan.stop == StopRule::plateau ? spec.plan.plateau : spec.plan.max_lights;
+  plan.mean_only_error_percent = selection.mean_only_error_percent;
+  plan.left_out.selection = selection.statistics;
+  plan.left_out.lights_not_needed =
+      std::max(0, spec.plan.max_lights - static_cast<int>(selection.lights.size()));
+  if (selection.lights.empty()) {
+    return nothing_lit(plan.left_out, prepared.candidates.size(), prepared.points.size());
+  }
+  for (const SelectedLight& light : selection.lights) {
+    plan.shots.push_back(shot_at(prepared, spec, light));
+  }
+  for (const int candidate : choose_held_out(prepared, spec)) {
+    SelectedLight after_all = selection.lights.back();
+    after_all.candidate = candidate;
+    after_all.new_cells = 0;
+    plan.shots.push_back(shot_at(prepared, spec, after_all));
+    plan.shots.back().held_out = true;
+  }
+  clock.done("held_out");
+  std::vector<GantryPosition> stops;
+  for (const Shot& shot : plan.shots) stops.push_back(shot.gantry);
+  plan.visit_order = order_route(rig.gantry.model, home_position(rig.gantry.model), stops);
+  clock.done("route");
+  plan.predicted_capture_time = capture_time(rig, spec, plan).total();
+  return {};
+}
+
+std::vector<std::string> drivers_not_opened(const Rig& rig) {
+  const bool modbus = std::holds_alternative<ModbusGantry>(rig.gantry.backend) ||
+                      std::holds_alternative<ModbusLamp>(rig.lamp.backend);
+  std::vector<std::string> names;
+  if (!modbus) names.emplace_back("modbus");
+  if (!std::holds_alternative<GrblGantry>(rig.gantry.backend)) names.emplace_back("usb");
+  if (!std::holds_alternative<AravisCamera>(rig.camera.backend)) names.emplace_back("aravis");
+  return names;
+}
+
+/// Everything but the choice of lights.
+Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec) {
+  Prepared prepared;
+  StageClock clock(prepared.cost);
+  if (auto r = load(spec, prepared, clock); !r) return tl::unexpected(r.error());
+  if (auto r = make_bases(spec, prepared, clock); !r) return tl::unexpected(r.error());
+  if (auto r = look_at_object(rig, spec, prepared, clock); !r) return tl::unexpected(r.error());
+  if (auto r = bin(rig, spec, prepared, clock); !r) return tl::unexpected(r.error());
+  LeftOut& left_out = prepared.plan.left_out;
+  left_out.components_available = static_cast<int>(prepared.fit_basis.components());
+  left_out.components_used = static_cast<int>(prepared.plan_basis.components());
+  left_out.channels_not_needed = 3 - rig.camera.sensor.channels();
+  left_out.drivers_not_opened = drivers_not_opened(rig);
+  return prepared;
+}
+
+}  // namespace
+
+Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force) {
+  auto prepared = prepare_scene(rig, spec);
+  if (!prepared) return prepared;
+  StageClock clock(prepared->cost);
+  if (auto chosen = choose_lights(rig, spec, brute_force, *prepared, clock); !chosen) {
+    return tl::unexpected(chosen.error());
+  }
+  return prepared;
+}
+
+Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan) {
+  auto prepared = prepare_scene(rig, spec);
+  if (!prepared) return prepared;
+  for (const Shot& shot : plan.shots) {
+    const auto index = static_cast<std::size_t>(shot.candidate);
+    const bool same =
+        index < prepared->candidates.size() &&
+        (prepared->candidates[index].light.p - shot.light.p).norm() <= 1e-9 * shot.light.p.norm();
+    if (!same) {
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("use the stored plan: candidate {} of this rig is not where the plan "
+                              "has it; the plan was made for another rig file: plan again",
+                              shot.candidate));
+    }
+  }
+  prepared->plan = plan;
+  return prepared;
+}
+
+}  // namespace lightrig
