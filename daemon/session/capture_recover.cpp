@@ -140,7 +140,7 @@ Result<void> CaptureRun::pause_for_interlocks(const std::vector<std::string>& na
     });
   });
   bool told = false;
-  std::optional<std::chrono::steady_clock::time_point> closed_since;
+  auto last_open = std::chrono::steady_clock::now();
   const std::string reason = fmt::format("interlock open: {}; close it{}", fmt::join(names, ", "),
                                          by_itself ? "" : " and resume");
   return pause("condition", reason, [&, this](bool word) -> Result<bool> {
@@ -149,12 +149,11 @@ Result<void> CaptureRun::pause_for_interlocks(const std::vector<std::string>& na
     if (!now) return tl::unexpected(now.error());
     const auto time = std::chrono::steady_clock::now();
     if (!now->open_interlocks.empty()) {
-      closed_since.reset();
+      last_open = time;
       told = false;  // a word given while it was open does not count once it closes
       return false;
     }
-    if (!closed_since) closed_since = time;
-    return told || (by_itself && time - *closed_since >= interlock_calm);
+    return told || (by_itself && time - last_open >= interlock_calm);
   });
 }
 

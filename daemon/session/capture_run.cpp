@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <set>
 #include <system_error>
+#include <utility>
 
 #include "daemon/session/durable_file.h"
 #include "daemon/session/frame_file.h"
@@ -206,11 +207,19 @@ Result<FrameLikeness> CaptureRun::reference_likeness(const CapturedShot& shot,
 /// Moves, and meanwhile the shot before is stored; journals that one; takes this one.
 Result<std::optional<Ending>> CaptureRun::capture_next(int index) {
   const std::string name = name_of_shot(index);
+  if (t_.listeners.shot_begins) t_.listeners.shot_begins(name, captured_.retakes[name]);
   auto there = persevere("move to " + name, [&] { return approach(index); });
   if (!there) return tl::unexpected(there.error());
   if (auto collected = collect_shot(); !collected) return tl::unexpected(collected.error());
   if (auto ending = early_ending()) return ending;
-  auto taken = persevere("capture " + name, [&] { return take_shot(index); });
+  bool first = true;
+  auto taken = persevere("capture " + name, [&]() -> Result<TakenShot> {
+    // A shot that failed is done again from its move on, wherever the gantry may stand now.
+    if (!std::exchange(first, false)) {
+      if (auto again = approach(index); !again) return tl::unexpected(again.error());
+    }
+    return take_shot(index);
+  });
   if (!taken) return tl::unexpected(taken.error());
   store_.begin(std::move(taken->frames));
   pending_ = std::move(*taken);

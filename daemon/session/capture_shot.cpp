@@ -45,12 +45,7 @@ Result<void> CaptureRun::checkpoint(const GantryPosition& target) {
 Result<TakenShot> CaptureRun::take_shot(int index) {
   const Shot& plan = planned(index);
   const auto failed = [](const Error& error) { return tl::unexpected(error); };
-  const auto now = hand_.status();
-  if (!now) return failed(now.error());
-  // After a failure the gantry may stand elsewhere; the first time it is in place.
-  if (!not_in_place(t_.rig.gantry.model, *now, plan.gantry).empty()) {
-    if (auto there = approach(index); !there) return failed(there.error());
-  }
+  if (auto there = hand_.verify_at(plan.gantry); !there) return failed(there.error());
   TakenShot shot;
   shot.index = index;
   if (auto done = take_ambient(shot); !done) return failed(done.error());

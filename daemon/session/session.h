@@ -74,6 +74,9 @@ struct SessionListeners {
   std::function<void(const SessionProgress&)> progress;
   std::function<void(const Frame&, const std::string& shot)>
       frame;  ///< each stored frame, for a preview
+  /// Before a shot is begun, with how many times it was taken back before: a simulated rig makes
+  /// new noise of it (sim::World::set_take).
+  std::function<void(const std::string& shot, std::uint64_t take)> shot_begins;
 };
 
 /// Opens the rig's devices anew after a disconnection; the old ones are destroyed before.

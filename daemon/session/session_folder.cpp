@@ -58,6 +58,7 @@ void apply(const JournalEvent& event, const JsonCursor& at, Captured& captured) 
     captured.shots.push_back(std::move(shot));
   } else if (event.event == "retake") {
     forget(captured.shots, at["name"].text());
+    ++captured.retakes[at["name"].text()];
     captured.state = "paused";
     captured.sealed = false;
   } else if (event.event == "started" || event.event == "resumed") {

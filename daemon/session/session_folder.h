@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -75,6 +76,7 @@ struct Captured {
   double elapsed_s = 0;             ///< measured: session seconds up to the last journaled fact
   std::string outcome_reason;       ///< of the last pause or end; "" while capturing
   bool sealed = false;
+  std::map<std::string, std::uint64_t> retakes;  ///< how often a shot was taken back, by name
 };
 /// Errors: invalid_input when an event lacks what it must say, with its sequence number.
 Result<Captured> captured_of(const std::vector<JournalEvent>& events);
