@@ -62,6 +62,15 @@ Standing standing_of_already(const BrdfBasis& basis, const LightChooser& chooser
   return {options.already.back(), found.rank, found.pseudo_condition};
 }
 
+std::unique_ptr<LightChooser> make_chooser(const BrdfBasis& basis, const CandidateBins& bins,
+                                           const SelectionOptions& options) {
+  if (options.brute_force) return make_plain_chooser(basis, bins, options);
+  if (options.criterion == Criterion::condition) {
+    return make_condition_chooser(basis, bins, options);
+  }
+  return make_plain_chooser(basis, bins, options);
+}
+
 }  // namespace
 
 Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
@@ -73,7 +82,7 @@ Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
   for (std::size_t i = 0; i < options.excluded.size(); ++i) {
     if (options.excluded[i] != 0) open[i] = 0;
   }
-  const std::unique_ptr<LightChooser> chooser = make_plain_chooser(basis, bins, options);
+  const std::unique_ptr<LightChooser> chooser = make_chooser(basis, bins, options);
   for (const int taken : options.already) {
     CHECK(taken >= 0 && taken < bins.candidates());
     chooser->take(taken);

@@ -35,4 +35,9 @@ class LightChooser {
 std::unique_ptr<LightChooser> make_plain_chooser(const BrdfBasis& basis, const CandidateBins& bins,
                                                  const SelectionOptions& options);
 
+/// The same choices by bounds: exact values only for the candidates that bounds cannot tell apart.
+std::unique_ptr<LightChooser> make_condition_chooser(const BrdfBasis& basis,
+                                                     const CandidateBins& bins,
+                                                     const SelectionOptions& options);
+
 }  // namespace lightrig

@@ -1,0 +1,195 @@
+#include "core/planner_kernels.h"
+
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include "core/check.h"
+
+// One body per loop, inlined into one function per instruction set. The vectors of eight are the
+// compiler's own: they become one, two or four registers, and every variant adds in one order.
+
+namespace lightrig {
+
+namespace {
+
+/// Eight numbers, wherever they lie in memory.
+using Lanes [[gnu::vector_size(64), gnu::aligned(8), gnu::may_alias]] = double;
+constexpr int width = 8;
+
+[[gnu::always_inline]] inline const Lanes& at(const double* p) {
+  return *reinterpret_cast<const Lanes*>(p);
+}
+[[gnu::always_inline]] inline Lanes& at(double* p) { return *reinterpret_cast<Lanes*>(p); }
+
+[[gnu::always_inline]] inline double sum(const Lanes& v) {
+  return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
+}
+
+[[gnu::always_inline]] inline double dot(const double* a, const double* b, int stride) {
+  Lanes partial{};
+  for (int j = 0; j < stride; j += width) partial += at(a + j) * at(b + j);
+  return sum(partial);
+}
+
+/// A += Σ g gᵀ over four rows at a time, a vector of columns j ≥ i held while they pass.
+[[gnu::always_inline]] inline void gram_body(const PackedRows& rows,
+                                             std::span<const std::int32_t> cells, double* A) {
+  const int stride = rows.stride, k = rows.k;
+  constexpr std::size_t together = 6;
+  const double* g[together];
+  const std::size_t total = cells.size() * static_cast<std::size_t>(rows.per_cell);
+  std::size_t taken = 0, cell = 0;
+  int part = 0;
+  while (taken < total) {
+    std::size_t n = 0;
+    for (; n < together && taken < total; ++n, ++taken) {
+      g[n] = rows.of(cells[cell]) + static_cast<std::ptrdiff_t>(part) * stride;
+      if (++part == rows.per_cell) {
+        part = 0;
+        ++cell;
+      }
+    }
+    if (n < together) {
+      for (int i = 0; i < k; ++i) {
+        for (std::size_t r = 0; r < n; ++r) {
+          const double factor = g[r][i];
+          for (int j = i - i % width; j < stride; j += width) {
+            at(A + i * stride + j) += factor * at(g[r] + j);
+          }
+        }
+      }
+      break;
+    }
+    for (int i = 0; i < k; ++i) {
+      const double f0 = g[0][i], f1 = g[1][i], f2 = g[2][i], f3 = g[3][i], f4 = g[4][i],
+                   f5 = g[5][i];
+      for (int j = i - i % width; j < stride; j += width) {
+        Lanes a = at(A + i * stride + j);
+        a += f0 * at(g[0] + j);
+        a += f1 * at(g[1] + j);
+        a += f2 * at(g[2] + j);
+        a += f3 * at(g[3] + j);
+        a += f4 * at(g[4] + j);
+        a += f5 * at(g[5] + j);
+        at(A + i * stride + j) = a;
+      }
+    }
+  }
+}
+
+[[gnu::always_inline]] inline void energy_body(const PackedRows& rows,
+                                               std::span<const std::int32_t> cells, const double* x,
+                                               double* energy) {
+  for (std::size_t c = 0; c < cells.size(); ++c) {
+    const double* g = rows.of(cells[c]);
+    double e = 0;
+    for (int part = 0; part < rows.per_cell; ++part, g += rows.stride) {
+      const double d = dot(g, x, rows.stride);
+      e += d * d;
+    }
+    energy[c] = e;
+  }
+}
+
+[[gnu::always_inline]] inline int jacobi_body(double* columns, int count, int stride, int limit) {
+  const double small = 16 * std::numeric_limits<double>::epsilon();
+  for (int sweep = 1; sweep <= limit; ++sweep) {
+    bool turned = false;
+    for (int p = 0; p < count - 1; ++p) {
+      for (int q = p + 1; q < count; ++q) {
+        double* a = columns + static_cast<std::ptrdiff_t>(p) * stride;
+        double* b = columns + static_cast<std::ptrdiff_t>(q) * stride;
+        const double aa = dot(a, a, stride), bb = dot(b, b, stride), ab = dot(a, b, stride);
+        if (!(std::abs(ab) > small * std::sqrt(aa) * std::sqrt(bb))) continue;
+        turned = true;
+        const double zeta = (bb - aa) / (2 * ab);
+        const double t = std::copysign(1.0, zeta) / (std::abs(zeta) + std::sqrt(1 + zeta * zeta));
+        const double c = 1 / std::sqrt(1 + t * t), s = c * t;
+        for (int j = 0; j < stride; j += width) {
+          const Lanes x = at(a + j), y = at(b + j);
+          at(a + j) = c * x - s * y;
+          at(b + j) = s * x + c * y;
+        }
+      }
+    }
+    if (!turned) return sweep;
+  }
+  return limit;
+}
+
+#if defined(__x86_64__)
+
+[[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] void gram_v4(
+    const PackedRows& rows, std::span<const std::int32_t> cells, double* A) {
+  gram_body(rows, cells, A);
+}
+[[gnu::target("arch=x86-64-v3")]] void gram_v3(const PackedRows& rows,
+                                               std::span<const std::int32_t> cells, double* A) {
+  gram_body(rows, cells, A);
+}
+[[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] void energy_v4(
+    const PackedRows& rows, std::span<const std::int32_t> cells, const double* x, double* energy) {
+  energy_body(rows, cells, x, energy);
+}
+[[gnu::target("arch=x86-64-v3")]] void energy_v3(const PackedRows& rows,
+                                                 std::span<const std::int32_t> cells,
+                                                 const double* x, double* energy) {
+  energy_body(rows, cells, x, energy);
+}
+[[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] int jacobi_v4(double* columns, int count,
+                                                                        int stride, int limit) {
+  return jacobi_body(columns, count, stride, limit);
+}
+[[gnu::target("arch=x86-64-v3")]] int jacobi_v3(double* columns, int count, int stride, int limit) {
+  return jacobi_body(columns, count, stride, limit);
+}
+
+#endif
+
+}  // namespace
+
+int vector_level() {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+      __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw")) {
+    return 4;
+  }
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+      __builtin_cpu_supports("bmi2")) {
+    return 3;
+  }
+#endif
+  return 2;
+}
+
+void add_gram(const PackedRows& rows, std::span<const std::int32_t> cells, std::span<double> A,
+              int level) {
+  CHECK(A.size() == static_cast<std::size_t>(rows.k) * static_cast<std::size_t>(rows.stride));
+#if defined(__x86_64__)
+  if (level >= 4) return gram_v4(rows, cells, A.data());
+  if (level == 3) return gram_v3(rows, cells, A.data());
+#endif
+  gram_body(rows, cells, A.data());
+}
+
+void cell_energies(const PackedRows& rows, std::span<const std::int32_t> cells,
+                   std::span<const double> x, std::span<double> energy, int level) {
+  CHECK(x.size() == static_cast<std::size_t>(rows.stride) && energy.size() == cells.size());
+#if defined(__x86_64__)
+  if (level >= 4) return energy_v4(rows, cells, x.data(), energy.data());
+  if (level == 3) return energy_v3(rows, cells, x.data(), energy.data());
+#endif
+  energy_body(rows, cells, x.data(), energy.data());
+}
+
+int orthogonalize_columns(std::span<double> columns, int count, int stride, int limit, int level) {
+  CHECK(columns.size() == static_cast<std::size_t>(count) * static_cast<std::size_t>(stride));
+#if defined(__x86_64__)
+  if (level >= 4) return jacobi_v4(columns.data(), count, stride, limit);
+  if (level == 3) return jacobi_v3(columns.data(), count, stride, limit);
+#endif
+  return jacobi_body(columns.data(), count, stride, limit);
+}
+
+}  // namespace lightrig

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace lightrig {
+
+/// Rows of numbers padded with zeros to whole vectors of eight, cell by cell: the memory that the
+/// planner's inner loops run over.
+struct PackedRows {
+  int k = 0;         ///< numbers in a row
+  int stride = 0;    ///< k rounded up to a multiple of 8
+  int per_cell = 1;  ///< rows of one cell, one after another
+  std::vector<double> data;
+
+  const double* of(std::int32_t cell) const {
+    return data.data() + static_cast<std::int64_t>(cell) * per_cell * stride;
+  }
+};
+
+/// The x86-64 level (2, 3 or 4) of this processor. The planner's arithmetic is compiled for each
+/// and picked at run time; all give the same bits, because every sum keeps one order of eight
+/// partial sums.
+int vector_level();
+
+/// Upper triangle of A (k × stride, row-major) += Σ g gᵀ over the rows of these cells. What lies
+/// below the diagonal within its vector of eight is filled too, the rest is not.
+void add_gram(const PackedRows& rows, std::span<const std::int32_t> cells, std::span<double> A,
+              int level);
+
+/// Σ (g·x)² over the rows of one cell, for each of these cells. x has `stride` numbers, zeros at
+/// the end.
+void cell_energies(const PackedRows& rows, std::span<const std::int32_t> cells,
+                   std::span<const double> x, std::span<double> energy, int level);
+
+/// Turns the columns of a matrix (`count` columns of `stride` numbers, one after another) by plane
+/// rotations until each pair is orthogonal to working precision: one-sided Jacobi [Hestenes 1958].
+/// Their lengths are then the singular values. Returns the sweeps taken, at most `limit`.
+int orthogonalize_columns(std::span<double> columns, int count, int stride, int limit, int level);
+
+}  // namespace lightrig
