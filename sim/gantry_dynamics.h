@@ -37,8 +37,9 @@ struct GantryMotionState {
 class GantryDynamics {
  public:
   /// Below this amplitude, in axis units [rad or m], friction holds the arm: it counts as at rest
-  /// exactly, so that a settled exposure does not depend on the nanosecond it was taken in.
-  static constexpr double arm_rest_amplitude = 2e-5;
+  /// exactly, so that a settled exposure does not depend on the nanosecond it was taken in. A third
+  /// of a usual arrival tolerance.
+  static constexpr double arm_rest_amplitude = 1e-4;
 
   GantryDynamics(GantryModel gantry, ArmModel arm, GantryPosition start, TimePoint now);
 
