@@ -122,9 +122,15 @@ struct TableSpec {
 
 const KeySpec* find_key(const TableSpec& table, const std::string& name);
 
-/// "number [m], 0.01 … 10", "one of "a", "b"", …: type, unit and range in a phrase.
+/// "number, 0.01 … 10 m", "one of "a", "b"", …: type, unit and range in a phrase.
 std::string phrase(const KeySpec& key);
+/// The same of one item of a list; of a key that is no list, its phrase.
+std::string item_phrase(const KeySpec& key);
 /// "0.01 … 10 m", "> 0", "≥ 1"; "" when anything goes.
 std::string range_phrase(const KeySpec& key);
+/// " m", "°", "": a unit as it follows a number.
+std::string after_number(const Unit& unit);
+/// "a number", "an integer", "one of …", "[x, y, z]": a phrase as it follows "must be".
+std::string with_article(const std::string& phrase);
 
 }  // namespace lightrig
