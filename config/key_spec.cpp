@@ -100,14 +100,14 @@ std::string item_phrase(const KeySpec& key) {
 std::string after_number(const Unit& unit) {
   const std::string_view text(unit.text);
   if (text.empty()) return {};
-  return (text.starts_with("°") ? "" : " ") + std::string(text);
+  return fmt::format("{}{}", text.starts_with("°") ? "" : " ", text);
 }
 
 std::string with_article(const std::string& phrase) {
   const bool none =
       phrase.starts_with("one of") || phrase.starts_with("true") || phrase.starts_with("[");
   if (none) return phrase;
-  return (phrase.starts_with("integer") ? "an " : "a ") + phrase;
+  return fmt::format("{} {}", phrase.starts_with("integer") ? "an" : "a", phrase);
 }
 
 }  // namespace lightrig

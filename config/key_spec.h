@@ -116,7 +116,9 @@ struct TableSpec {
   std::vector<KeySpec> keys = {};
   std::vector<TableSpec> tables = {};
   std::vector<std::vector<std::string>> exactly_one =
-      {};                  ///< of these keys exactly one must be given
+      {};                                 ///< of these keys exactly one must be given
+  std::vector<std::string> foreign = {};  ///< tables of another kind of file …
+  std::string foreign_why = {};           ///< … and why they may not stand in this one
   bool free_form = false;  ///< any keys, with text, number or boolean values, in name order
 };
 

@@ -32,14 +32,18 @@ std::string mid_sentence(std::string doc) {
 }
 
 // "[lamp], [gantry]": every table under `table` that has a key of this name.
-void tables_with(const std::string& key, const TableSpec& table, const std::string& path,
-                 std::vector<std::string>& found) {
+std::vector<std::string> tables_with(const std::string& key, const TableSpec& table,
+                                     const std::string& path = {}) {
+  std::vector<std::string> found;
   if (!path.empty() && find_key(table, key) != nullptr)
     found.push_back(table.repeat == Repeat::list    ? "[[" + path + "]]"
                     : table.repeat == Repeat::named ? "[" + path + ".NAME]"
                                                     : "[" + path + "]");
-  for (const TableSpec& inner : table.tables)
-    tables_with(key, inner, joined(path, inner.name), found);
+  for (const TableSpec& inner : table.tables) {
+    const auto within = tables_with(key, inner, joined(path, inner.name));
+    found.insert(found.end(), within.begin(), within.end());
+  }
+  return found;
 }
 
 const std::string& value_text(const Cell& cell) { return std::get<std::string>(*cell.value); }
@@ -124,6 +128,10 @@ class SectionReader {
     for (const TableSpec& table : spec.tables) known.push_back(table.name);
     for (const TomlEntry& entry : node.entries) {
       if (std::ranges::find(known, entry.key) != known.end()) continue;
+      if (std::ranges::find(spec.foreign, entry.key) != spec.foreign.end()) {
+        findings_.error(entry.place, fmt::format("[{}] {}", entry.key, spec.foreign_why));
+        continue;
+      }
       const bool is_table = entry.value.kind == TomlNode::Kind::table;
       const std::string near = nearest(entry.key, known);
       const bool taken = !near.empty() && node.find(near) != nullptr;
@@ -139,8 +147,7 @@ class SectionReader {
 
   std::string suggestion(const std::string& key, const std::string& near,
                          const std::vector<std::string>& known) const {
-    std::vector<std::string> elsewhere;
-    tables_with(key, root_, "", elsewhere);
+    const std::vector<std::string> elsewhere = tables_with(key, root_);
     if (!elsewhere.empty() && elsewhere.size() <= 3)
       return fmt::format("it belongs in {}", fmt::join(elsewhere, " or "));
     if (!near.empty()) return "did you mean \"" + near + "\"?";
