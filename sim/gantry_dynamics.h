@@ -52,6 +52,9 @@ class GantryDynamics {
 
   GantryMotionState at(TimePoint time) const;
 
+  /// Where the drives are, or are going.
+  const AxisValues& destination() const { return rest_; }
+
  private:
   struct Segment {
     double duration = 0;      // [s]

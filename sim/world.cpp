@@ -117,6 +117,16 @@ Result<TimePoint> World::start_move(const GantryPosition& to) {
   return dynamics_.move(clock_.now(), to);
 }
 
+Result<TimePoint> World::start_axis_move(std::size_t axis, double to) {
+  GantryPosition destination;
+  {
+    const std::lock_guard lock(mutex_);
+    destination.axes = dynamics_.destination();
+  }
+  destination.axes[static_cast<Eigen::Index>(axis)] = to;
+  return start_move(destination);
+}
+
 void World::halt_gantry() {
   const std::lock_guard lock(mutex_);
   const TimePoint now = clock_.now();
@@ -134,6 +144,12 @@ Result<void> World::clear_fault() {
   }
   alarm_.clear();
   return {};
+}
+
+void World::lose_position() {
+  halt_gantry();
+  const std::lock_guard lock(mutex_);
+  homed_from_.reset();
 }
 
 GantryStatus World::gantry_status() const {

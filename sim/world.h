@@ -62,8 +62,12 @@ class World {
   // --- gantry. Refused: not homed, alarm, open interlock, beyond the soft limits.
   Result<TimePoint> start_homing();                        ///< when it will be at rest, homed
   Result<TimePoint> start_move(const GantryPosition& to);  ///< when it will be at rest
-  void halt_gantry();                                      ///< decelerates and holds
-  Result<void> clear_fault();                              ///< Refused while an interlock is open.
+  /// One axis alone; the others keep their destination. A controller with a drive per axis commands
+  /// them so.
+  Result<TimePoint> start_axis_move(std::size_t axis, double to);
+  void halt_gantry();          ///< decelerates and holds
+  Result<void> clear_fault();  ///< Refused while an interlock is open.
+  void lose_position();        ///< the controller no longer knows where it is: home again
   GantryStatus gantry_status() const;
 
   // --- lamp: a lease that goes dark by itself after max_on_time without renewal.

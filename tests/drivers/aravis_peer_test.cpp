@@ -30,7 +30,8 @@ class AravisPeer : public testing::Test {
     rig_.camera.sensor.min_exposure = 1e-4;
     rig_.camera.sensor.max_exposure = 1;
     backend_.id = "127.0.0.1";
-    // The peer sends a frame of 256 KiB in one burst: with a smaller kernel ceiling every frame would lose packets.
+    // The peer sends a frame of 256 KiB in one burst: with a smaller kernel ceiling every frame
+    // would lose packets.
     std::ifstream("/proc/sys/net/core/rmem_max") >> backend_.socket_buffer_bytes;
     if (backend_.socket_buffer_bytes < 1 << 20)
       GTEST_SKIP() << "net.core.rmem_max is only " << backend_.socket_buffer_bytes;

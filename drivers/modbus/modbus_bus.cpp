@@ -1,0 +1,276 @@
+#include "drivers/modbus/modbus_bus.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <modbus/modbus.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/file.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <limits>
+#include <thread>
+
+namespace lightrig {
+namespace {
+
+/// An RTU unit that answers later than this many timeouts is broken beyond what a bus can repair.
+constexpr int silence_in_timeouts = 3;
+constexpr int proofs_before_giving_up = 3;
+
+std::string name_of(const ModbusBus::Endpoint& endpoint) {
+  if (const auto* tcp = std::get_if<TcpEndpoint>(&endpoint))
+    return fmt::format("modbus tcp {}:{}", tcp->host, tcp->port);
+  return "modbus rtu " + std::get<SerialEndpoint>(endpoint).device;
+}
+
+bool is_bits(RegisterTable table) {
+  return table == RegisterTable::coil || table == RegisterTable::discrete;
+}
+
+const char* name_of(RegisterTable table) {
+  switch (table) {
+    case RegisterTable::coil:
+      return "coil";
+    case RegisterTable::discrete:
+      return "discrete input";
+    case RegisterTable::holding:
+      return "holding register";
+    case RegisterTable::input:
+      return "input register";
+  }
+  return "?";
+}
+
+bool is_exception(int number) { return number > MODBUS_ENOBASE && number < EMBBADCRC; }
+
+ErrorCode code_of(int number) {
+  if (is_exception(number)) return ErrorCode::refused;
+  switch (number) {
+    case ETIMEDOUT:
+    case EINPROGRESS:  // a connect that nobody answers
+    case EMBBADCRC:
+    case EMBBADDATA:
+    case EMBBADEXC:
+    case EMBUNKEXC:
+    case EMBMDATA:
+    case EMBBADSLAVE:
+      return ErrorCode::timed_out;
+    case ENOENT:
+    case ENXIO:
+    case EHOSTUNREACH:
+    case ENETUNREACH:
+      return ErrorCode::not_found;
+    case ECONNREFUSED:
+    case EACCES:
+    case EPERM:
+    case EBUSY:
+      return ErrorCode::refused;
+    default:
+      return ErrorCode::disconnected;
+  }
+}
+
+/// Without it a half-open connection (power cut at the far end) would swallow writes for many
+/// minutes.
+void bound_unacknowledged_time(int socket, std::chrono::milliseconds timeout) {
+  const auto limit = static_cast<unsigned>(2 * timeout.count());
+  setsockopt(socket, IPPROTO_TCP, TCP_USER_TIMEOUT, &limit, sizeof limit);
+  const int on = 1;
+  setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+}
+
+_modbus* new_context(const ModbusBus::Endpoint& endpoint) {
+  if (const auto* tcp = std::get_if<TcpEndpoint>(&endpoint))
+    return modbus_new_tcp_pi(tcp->host.c_str(), std::to_string(tcp->port).c_str());
+  const auto& serial = std::get<SerialEndpoint>(endpoint);
+  return modbus_new_rtu(serial.device.c_str(), serial.baud, serial.parity, serial.data_bits,
+                        serial.stop_bits);
+}
+
+}  // namespace
+
+void ModbusBus::FreeContext::operator()(_modbus* context) const {
+  modbus_close(context);
+  modbus_free(context);
+}
+
+ModbusBus::ModbusBus(Endpoint endpoint, std::chrono::milliseconds timeout, Clock& clock)
+    : endpoint_(std::move(endpoint)),
+      timeout_(timeout),
+      clock_(clock),
+      name_(name_of(endpoint_)),
+      rtu_(std::holds_alternative<SerialEndpoint>(endpoint_)),
+      lane_(name_) {}
+
+ModbusBus::~ModbusBus() = default;
+
+Result<std::unique_ptr<ModbusBus>> ModbusBus::open(const Endpoint& endpoint,
+                                                   std::chrono::milliseconds timeout,
+                                                   Clock& clock) {
+  auto bus = std::unique_ptr<ModbusBus>(new ModbusBus(endpoint, timeout, clock));
+  const Until until{clock.now() + 4 * timeout + std::chrono::seconds(1), {}};
+  auto connected = bus->lane_.run(
+      [raw = bus.get()](const std::stop_token&) -> Result<Values> {
+        if (auto done = raw->connect(); !done) return tl::unexpected(done.error());
+        return Values{};
+      },
+      clock, until);
+  if (!connected) return tl::unexpected(connected.error());
+  return bus;
+}
+
+tl::unexpected<Error> ModbusBus::failed(const std::string& doing, int number) {
+  const ErrorCode code = code_of(number);
+  if (!is_exception(number)) {
+    if (rtu_) {
+      out_of_step_ = true;
+      if (code == ErrorCode::disconnected) connected_ = false;
+    } else {
+      modbus_close(context_.get());
+      connected_ = false;
+    }
+  }
+  return fail(code, fmt::format("{}: {}: {}", name_, doing, modbus_strerror(number)));
+}
+
+Result<void> ModbusBus::connect() {
+  context_.reset(new_context(endpoint_));
+  if (!context_)
+    return fail(ErrorCode::invalid_input, name_ + ": unusable address or serial settings");
+  const auto whole = std::chrono::duration_cast<std::chrono::seconds>(timeout_);
+  const auto rest = std::chrono::duration_cast<std::chrono::microseconds>(timeout_ - whole);
+  modbus_set_response_timeout(context_.get(), static_cast<std::uint32_t>(whole.count()),
+                              static_cast<std::uint32_t>(rest.count()));
+  modbus_set_error_recovery(context_.get(), MODBUS_ERROR_RECOVERY_NONE);
+  if (modbus_connect(context_.get()) != 0) {
+    auto failure = failed("connect", errno);
+    failure.value().message += rtu_ ? "; check the cable, the device name and the group dialout"
+                                    : "; check power, network, address and port of the controller";
+    return failure;
+  }
+  const int descriptor = modbus_get_socket(context_.get());
+  if (rtu_) {
+    if (flock(descriptor, LOCK_EX | LOCK_NB) != 0)
+      return fail(ErrorCode::refused, name_ + " is in use by another program");
+    const auto& serial = std::get<SerialEndpoint>(endpoint_);
+    if (serial.rs485 && modbus_rtu_set_serial_mode(context_.get(), MODBUS_RTU_RS485) != 0)
+      return failed("switch the port to RS-485", errno);
+  } else {
+    bound_unacknowledged_time(descriptor, timeout_);
+  }
+  connected_ = true;
+  return {};
+}
+
+Result<void> ModbusBus::ready(int unit) {
+  if (!connected_)
+    if (auto done = connect(); !done) return done;
+  if (out_of_step_)
+    if (auto proved = prove_in_step(); !proved) return proved;
+  if (modbus_set_slave(context_.get(), unit) != 0)
+    return fail(ErrorCode::invalid_input, fmt::format("{}: unit {} does not exist", name_, unit));
+  return {};
+}
+
+// Silence first, so that whatever was late has come; then two reads whose answers differ in length.
+// A reply from before, taken for the first answer, leaves the first answer to be taken for the
+// second, and its length gives it away.
+Result<void> ModbusBus::prove_in_step() {
+  for (int attempt = 0; attempt < proofs_before_giving_up; ++attempt) {
+    std::this_thread::sleep_for(silence_in_timeouts * timeout_);
+    modbus_flush(context_.get());
+    out_of_step_ = false;
+    if (proof_.count == 0) return {};  // nothing known to read: silence and an empty line must do
+    if (modbus_set_slave(context_.get(), proof_.unit) != 0) break;
+    if (read_now(proof_.unit, proof_.table, proof_.address, 1) &&
+        read_now(proof_.unit, proof_.table, proof_.address, 2))
+      return {};
+  }
+  out_of_step_ = true;
+  return fail(
+      ErrorCode::disconnected,
+      fmt::format("{}: answers do not match requests any more; check wiring, termination and "
+                  "that no second master is on the bus",
+                  name_));
+}
+
+Result<ModbusBus::Values> ModbusBus::read_now(int unit, RegisterTable table, int address,
+                                              int count) {
+  Values values(static_cast<std::size_t>(count));
+  std::vector<std::uint8_t> bits(static_cast<std::size_t>(count));
+  int got = -1;
+  switch (table) {
+    case RegisterTable::coil:
+      got = modbus_read_bits(context_.get(), address, count, bits.data());
+      break;
+    case RegisterTable::discrete:
+      got = modbus_read_input_bits(context_.get(), address, count, bits.data());
+      break;
+    case RegisterTable::holding:
+      got = modbus_read_registers(context_.get(), address, count, values.data());
+      break;
+    case RegisterTable::input:
+      got = modbus_read_input_registers(context_.get(), address, count, values.data());
+      break;
+  }
+  if (got != count)
+    return failed(fmt::format("read {} {:#06x} of unit {}", name_of(table), address, unit), errno);
+  if (is_bits(table)) values.assign(bits.begin(), bits.end());
+  return values;
+}
+
+Result<ModbusBus::Values> ModbusBus::write_now(int unit, RegisterTable table, int address,
+                                               const Values& values, bool multiple) {
+  const int count = static_cast<int>(values.size());
+  int done = -1;
+  if (table == RegisterTable::coil && count == 1 && !multiple) {
+    done = modbus_write_bit(context_.get(), address, values[0] != 0 ? 1 : 0);
+  } else if (table == RegisterTable::coil) {
+    std::vector<std::uint8_t> bits(values.begin(), values.end());
+    done = modbus_write_bits(context_.get(), address, count, bits.data());
+  } else if (table == RegisterTable::holding && count == 1 && !multiple) {
+    done = modbus_write_register(context_.get(), address, values[0]);
+  } else if (table == RegisterTable::holding) {
+    done = modbus_write_registers(context_.get(), address, count, values.data());
+  } else {
+    return fail(ErrorCode::invalid_input, fmt::format("a {} cannot be written", name_of(table)));
+  }
+  if (done != count)
+    return failed(fmt::format("write {} {:#06x} of unit {}", name_of(table), address, unit), errno);
+  return Values{};
+}
+
+Result<ModbusBus::Values> ModbusBus::read(int unit, RegisterTable table, int address, int count,
+                                          const Until& until) {
+  return lane_.run(
+      [=, this](const std::stop_token& stop) -> Result<Values> {
+        if (auto up = ready(unit); !up) return tl::unexpected(up.error());
+        if (stop.stop_requested()) return fail(ErrorCode::stopped, name_ + ": stopped on request");
+        Result<Values> values = read_now(unit, table, address, count);
+        if (values && !is_bits(table) && proof_.count == 0 && count >= 2)
+          proof_ = {unit, table, address, count};
+        return values;
+      },
+      clock_, until);
+}
+
+Result<void> ModbusBus::write(int unit, RegisterTable table, int address,
+                              const std::vector<std::uint16_t>& values, bool multiple,
+                              const Until& until) {
+  auto done = lane_.run(
+      [=, this](const std::stop_token& stop) -> Result<Values> {
+        if (auto up = ready(unit); !up) return tl::unexpected(up.error());
+        // Between being asked and being able to write, the caller may have given up: then nothing
+        // may be written.
+        if (stop.stop_requested()) return fail(ErrorCode::stopped, name_ + ": stopped on request");
+        return write_now(unit, table, address, values, multiple);
+      },
+      clock_, until);
+  if (!done) return tl::unexpected(done.error());
+  return {};
+}
+
+}  // namespace lightrig

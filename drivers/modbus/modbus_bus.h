@@ -1,0 +1,84 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "config/controller_profile.h"
+#include "config/rig.h"
+#include "drivers/blocking_lane.h"
+#include "drivers/clock.h"
+
+struct _modbus;
+
+namespace lightrig {
+
+/// One Modbus wire, TCP or RTU, shared by the drives on it. Every call is one transaction, one
+/// attempt, on the bus' own lane: the caller leaves at its deadline or within 10 ms of a stop.
+///
+/// An RTU reply carries no transaction number, so a late one would pass as the answer to the next
+/// request. After a timeout the bus therefore stays silent past the worst reply time, flushes, and
+/// proves itself in step by two reads of different lengths before it believes anything. A TCP wire
+/// is closed and connected anew after any error but a plain exception.
+class ModbusBus {
+ public:
+  using Endpoint = std::variant<TcpEndpoint, SerialEndpoint>;
+
+  /// Connects. Errors: not_found (no host, no device), refused (port closed, device in use),
+  /// timed_out.
+  static Result<std::unique_ptr<ModbusBus>> open(const Endpoint& endpoint,
+                                                 std::chrono::milliseconds timeout, Clock& clock);
+  ~ModbusBus();
+  ModbusBus(const ModbusBus&) = delete;
+  ModbusBus& operator=(const ModbusBus&) = delete;
+
+  /// Register or bit values (a bit as 0 or 1). Errors: refused (exception, with its name),
+  /// timed_out, disconnected, stopped.
+  Result<std::vector<std::uint16_t>> read(int unit, RegisterTable table, int address, int count,
+                                          const Until& until);
+  /// Writes one value by FC05/FC06, or several by FC15/FC16; `multiple` forces the latter for one
+  /// value.
+  Result<void> write(int unit, RegisterTable table, int address,
+                     const std::vector<std::uint16_t>& values, bool multiple, const Until& until);
+
+  const std::string& name() const { return name_; }
+
+ private:
+  using Values = std::vector<std::uint16_t>;
+  struct FreeContext {
+    void operator()(_modbus* context) const;
+  };
+  /// Where and how the bus may be proved in step: what was last read with success.
+  struct Proof {
+    int unit = 0;
+    RegisterTable table = RegisterTable::holding;
+    int address = 0;
+    int count = 0;  ///< 0 = nothing read yet
+  };
+
+  ModbusBus(Endpoint endpoint, std::chrono::milliseconds timeout, Clock& clock);
+  Result<void> connect();
+  Result<void> ready(int unit);
+  Result<void> prove_in_step();
+  Result<Values> read_now(int unit, RegisterTable table, int address, int count);
+  Result<Values> write_now(int unit, RegisterTable table, int address, const Values& values,
+                           bool multiple);
+  tl::unexpected<Error> failed(const std::string& doing, int number);
+
+  const Endpoint endpoint_;
+  const std::chrono::milliseconds timeout_;
+  Clock& clock_;
+  std::string name_;
+  bool rtu_ = false;
+  // Below: touched on the lane only.
+  std::unique_ptr<_modbus, FreeContext> context_;
+  bool connected_ = false;
+  bool out_of_step_ = false;
+  Proof proof_;
+  BlockingLane<Values> lane_;  // destroyed first
+};
+
+}  // namespace lightrig

@@ -1,0 +1,244 @@
+#include "drivers/modbus/modbus_drive.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <limits>
+
+namespace lightrig {
+namespace {
+
+struct RawRange {
+  double least, most;
+};
+
+RawRange range_of(RawType type) {
+  switch (type) {
+    case RawType::u16:
+      return {0, 65535};
+    case RawType::s16:
+      return {-32768, 32767};
+    case RawType::u32:
+      return {0, 4294967295.0};
+    case RawType::s32:
+      return {-2147483648.0, 2147483647.0};
+  }
+  return {0, 0};
+}
+
+}  // namespace
+
+Result<std::vector<std::uint16_t>> encode_raw(const RegisterItem& item, double raw) {
+  const RawRange range = range_of(item.type);
+  const double rounded = std::nearbyint(raw);
+  if (!(rounded >= range.least && rounded <= range.most))
+    return fail(ErrorCode::invalid_input,
+                fmt::format("{} does not fit register {:#06x} ({} … {})", rounded, item.address,
+                            range.least, range.most));
+  const auto bits = static_cast<std::uint32_t>(static_cast<std::int64_t>(rounded));
+  const auto low = static_cast<std::uint16_t>(bits & 0xffff);
+  const auto high = static_cast<std::uint16_t>(bits >> 16);
+  if (item.registers() == 1) return std::vector<std::uint16_t>{low};
+  if (item.order == WordOrder::high_first) return std::vector<std::uint16_t>{high, low};
+  return std::vector<std::uint16_t>{low, high};
+}
+
+Result<std::vector<std::uint16_t>> encode(const RegisterItem& item, double value) {
+  return encode_raw(item, value * item.scale + item.offset);
+}
+
+std::int64_t decode_raw(const RegisterItem& item, const std::vector<std::uint16_t>& registers) {
+  if (item.registers() == 1)
+    return item.type == RawType::s16 ? static_cast<std::int16_t>(registers[0]) : registers[0];
+  const bool high_first = item.order == WordOrder::high_first;
+  const std::uint32_t bits =
+      (std::uint32_t{registers[high_first ? 0 : 1]} << 16) | registers[high_first ? 1 : 0];
+  if (item.type == RawType::s32) return static_cast<std::int32_t>(bits);
+  return bits;
+}
+
+double decode(const RegisterItem& item, const std::vector<std::uint16_t>& registers) {
+  return (static_cast<double>(decode_raw(item, registers)) - item.offset) / item.scale;
+}
+
+void ModbusDriveDevice::keep_gap(const Until& until) {
+  if (profile_.frame_gap.count() > 0)
+    clock_.sleep_until(clock_.now() + profile_.frame_gap, until.stop);
+}
+
+Result<void> ModbusDriveDevice::prepare(const Until& until) {
+  if (profile_.known) {
+    const RegisterItem& item = profile_.known->item;
+    auto words = bus_.read(config_.unit, item.table, item.address, item.registers(), until);
+    if (!words) return tl::unexpected(words.error());
+    if (decode_raw(item, *words) != profile_.known->value)
+      return fail(
+          ErrorCode::invalid_input,
+          fmt::format("register {:#06x} of unit {} holds {}, a {} would hold {}: is this the "
+                      "right controller profile and unit number?",
+                      item.address, config_.unit, decode_raw(item, *words), profile_.name,
+                      profile_.known->value));
+  }
+  if (!profile_.watchdog) return {};
+  const RegisterItem& item = profile_.watchdog->item;
+  auto words = encode(item, std::chrono::duration<double>(profile_.watchdog->timeout).count());
+  if (!words) return tl::unexpected(with_context("drive watchdog", words.error()));
+  if (auto done =
+          bus_.write(config_.unit, item.table, item.address, *words, words->size() > 1, until);
+      !done)
+    return tl::unexpected(with_context("set the drive's watchdog", done.error()));
+  auto back = bus_.read(config_.unit, item.table, item.address, item.registers(), until);
+  if (!back) return tl::unexpected(with_context("read the drive's watchdog back", back.error()));
+  if (*back != *words)
+    return fail(ErrorCode::refused,
+                fmt::format("the drive of axis {} did not take its watchdog time", config_.axis));
+  return {};
+}
+
+double ModbusDriveDevice::value_of(const ProfileWrite& write, const DriveMove& move) const {
+  const double counts_per_si = config_.counts_per_si;
+  const double magnitude = std::abs(counts_per_si);
+  double counts = 0;
+  switch (write.quantity) {
+    case Quantity::constant:
+      return static_cast<double>(write.constant);
+    case Quantity::position:
+      return (move.position - config_.zero) * counts_per_si;
+    case Quantity::speed:
+      counts = move.speed * magnitude;
+      break;
+    case Quantity::acceleration:
+    case Quantity::deceleration:
+      counts = move.acceleration * magnitude;
+      break;
+  }
+  switch (write.item.unit) {
+    case RawUnit::rpm:
+      return counts / config_.counts_per_rev * 60;
+    case RawUnit::ms_per_1000_rpm:
+      // [ms] in which the motor gains 1000 rpm.
+      return 1000 * (1000.0 / 60 * config_.counts_per_rev) / counts;
+    default:
+      return counts;
+  }
+}
+
+Result<void> ModbusDriveDevice::write_block(const ProfileCommand& command, const DriveMove& move,
+                                            const Until& until) {
+  if (command.writes.empty()) return {};
+  std::vector<std::uint16_t> words;
+  for (const ProfileWrite& write : command.writes) {
+    auto encoded = write.quantity == Quantity::constant
+                       ? encode_raw(write.item, value_of(write, move))
+                       : encode(write.item, value_of(write, move));
+    if (!encoded) return tl::unexpected(encoded.error());
+    if (command.block) {
+      words.insert(words.end(), encoded->begin(), encoded->end());
+      continue;
+    }
+    if (auto done = bus_.write(config_.unit, write.item.table, write.item.address, *encoded,
+                               encoded->size() > 1, until);
+        !done)
+      return done;
+    keep_gap(until);
+  }
+  if (!command.block) return {};
+  const RegisterItem& first = command.writes.front().item;
+  return bus_.write(config_.unit, first.table, first.address, words, true, until);
+}
+
+Result<void> ModbusDriveDevice::fire(const Trigger& trigger, const Until& until) {
+  const auto put = [&](std::int64_t value) {
+    keep_gap(until);
+    return bus_.write(config_.unit, trigger.table, trigger.address,
+                      {static_cast<std::uint16_t>(value)}, false, until);
+  };
+  if (trigger.style == TriggerStyle::implicit) return {};
+  if (trigger.style == TriggerStyle::edge)
+    if (auto done = put(trigger.clear); !done) return done;
+  if (auto done = put(trigger.set); !done) return done;
+  if (trigger.style == TriggerStyle::value) return {};
+  clock_.sleep_until(clock_.now() + trigger.pulse, until.stop);
+  return put(trigger.clear);
+}
+
+Result<void> ModbusDriveDevice::run(const ProfileCommand& command, const DriveMove& move,
+                                    const Until& until) {
+  if (auto written = write_block(command, move, until); !written) return written;
+  return fire(command.trigger, until);
+}
+
+// A status look reads each register once, however many bits are in it.
+Result<bool> ModbusDriveDevice::bit(const StatusBit& bit, Seen& seen, const Until& until) {
+  const auto key = std::pair(bit.table, bit.address);
+  auto found = seen.find(key);
+  if (found == seen.end()) {
+    auto words = bus_.read(config_.unit, bit.table, bit.address, 1, until);
+    if (!words) return tl::unexpected(words.error());
+    found = seen.emplace(key, words->front()).first;
+    keep_gap(until);
+  }
+  const bool one_bit = bit.table == RegisterTable::coil || bit.table == RegisterTable::discrete;
+  return (one_bit ? found->second : found->second & bit.mask) == bit.value;
+}
+
+Result<bool> ModbusDriveDevice::bit(const StatusBit& bit, const Until& until) {
+  Seen seen;
+  return this->bit(bit, seen, until);
+}
+
+Result<std::string> ModbusDriveDevice::alarm_of(const Until& until) {
+  if (!profile_.alarm_code) return fmt::format("axis {}: alarm", config_.axis);
+  const RegisterItem& item = *profile_.alarm_code;
+  auto words = bus_.read(config_.unit, item.table, item.address, item.registers(), until);
+  if (!words) return tl::unexpected(words.error());
+  const std::int64_t code = decode_raw(item, *words);
+  const auto text = profile_.alarm_texts.find(code);
+  return fmt::format("axis {}: alarm {:#x}{}", config_.axis, code,
+                     text == profile_.alarm_texts.end() ? "" : ", " + text->second);
+}
+
+Result<DriveStatus> ModbusDriveDevice::status(const Until& until) {
+  Seen seen;
+  DriveStatus status;
+  bool alarm = false;
+  const auto look = [&](const std::optional<StatusBit>& which, bool& into) -> Result<void> {
+    if (!which) return {};
+    auto value = bit(*which, seen, until);
+    if (!value) return tl::unexpected(value.error());
+    into = *value;
+    return {};
+  };
+  for (const auto& [which, into] :
+       {std::pair{&profile_.moving, &status.moving},
+        std::pair{&profile_.in_position, &status.in_position},
+        std::pair{&profile_.homed, &status.homed}, std::pair{&profile_.alarm, &alarm},
+        std::pair{&profile_.e_stop, &status.e_stop}})
+    if (auto done = look(*which, *into); !done) return tl::unexpected(done.error());
+  status.has_homed_bit = profile_.homed.has_value();
+  auto words = bus_.read(config_.unit, profile_.position.table, profile_.position.address,
+                         profile_.position.registers(), until);
+  if (!words) return tl::unexpected(with_context("read the position", words.error()));
+  status.position = config_.zero + decode(profile_.position, *words) / config_.counts_per_si;
+  if (alarm) {
+    auto text = alarm_of(until);
+    status.alarm = text ? *text : fmt::format("axis {}: alarm", config_.axis);
+  }
+  return status;
+}
+
+Result<void> ModbusDriveDevice::set_output(const ProfileOutput& output, double power,
+                                           const Until& until) {
+  const double raw = output.dimmable ? output.off + power * (output.on - output.off)
+                                     : (power > 0 ? output.on : output.off);
+  return bus_.write(config_.unit, output.table, output.address,
+                    {static_cast<std::uint16_t>(std::lround(raw))}, false, until);
+}
+
+Result<double> ModbusDriveDevice::read_output(const ProfileOutput& output, const Until& until) {
+  auto words = bus_.read(config_.unit, output.table, output.address, 1, until);
+  if (!words) return tl::unexpected(words.error());
+  return (static_cast<double>(words->front()) - output.off) / (output.on - output.off);
+}
+
+}  // namespace lightrig

@@ -1,0 +1,73 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "config/controller_profile.h"
+#include "config/rig.h"
+#include "drivers/modbus/modbus_bus.h"
+
+namespace lightrig {
+
+/// Registers of a raw number, and back. raw = value · scale + offset, rounded. Errors:
+/// invalid_input when it does not fit.
+Result<std::vector<std::uint16_t>> encode_raw(const RegisterItem& item, double raw);
+Result<std::vector<std::uint16_t>> encode(const RegisterItem& item, double value);
+std::int64_t decode_raw(const RegisterItem& item, const std::vector<std::uint16_t>& registers);
+double decode(const RegisterItem& item, const std::vector<std::uint16_t>& registers);
+
+/// What a move asks of one drive.
+struct DriveMove {
+  double position = 0;      ///< [rad] or [m]
+  double speed = 0;         ///< [rad/s] or [m/s]
+  double acceleration = 0;  ///< [rad/s²] or [m/s²]
+};
+
+/// What a drive says of itself, in one look.
+struct DriveStatus {
+  double position = 0;  ///< [rad] or [m]
+  bool moving = false, in_position = true, homed = false, has_homed_bit = false, e_stop = false;
+  std::string alarm;
+};
+
+/// One drive on a bus, as its controller profile describes it. One attempt per call.
+class ModbusDriveDevice {
+ public:
+  ModbusDriveDevice(const ControllerProfile& profile, const ModbusDrive& config, ModbusBus& bus,
+                    Clock& clock)
+      : profile_(profile), config_(config), bus_(bus), clock_(clock) {}
+
+  /// Proves that the profile fits (known register) and writes the drive's watchdog, then reads it
+  /// back.
+  Result<void> prepare(const Until& until);
+  Result<void> run(const ProfileCommand& command, const DriveMove& move, const Until& until);
+  Result<DriveStatus> status(const Until& until);
+  Result<bool> bit(const StatusBit& bit, const Until& until);
+  Result<void> set_output(const ProfileOutput& output, double power, const Until& until);
+  Result<double> read_output(const ProfileOutput& output, const Until& until);
+
+  const ControllerProfile& profile() const { return profile_; }
+  const std::string& axis() const { return config_.axis; }
+
+ private:
+  using Seen = std::map<std::pair<RegisterTable, int>, std::uint16_t>;
+  Result<bool> bit(const StatusBit& bit, Seen& seen, const Until& until);
+  Result<std::string> alarm_of(const Until& until);
+  double value_of(const ProfileWrite& write, const DriveMove& move) const;
+  Result<void> write_block(const ProfileCommand& command, const DriveMove& move,
+                           const Until& until);
+  Result<void> fire(const Trigger& trigger, const Until& until);
+  void keep_gap(const Until& until);
+
+  const ControllerProfile& profile_;
+  const ModbusDrive config_;
+  ModbusBus& bus_;
+  Clock& clock_;
+};
+
+}  // namespace lightrig

@@ -1,0 +1,59 @@
+// A lamp on a Modbus unit of its own: a coil, or a holding register whose full scale is power 1.
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "drivers/backends.h"
+#include "drivers/modbus/modbus_bus.h"
+
+namespace lightrig {
+namespace {
+
+constexpr std::chrono::milliseconds farewell{1000};
+
+class ModbusLampDevice final : public Lamp {
+ public:
+  ModbusLampDevice(const ModbusLamp& config, Clock& clock, std::unique_ptr<ModbusBus> bus)
+      : config_(config), clock_(clock), bus_(std::move(bus)) {}
+  ~ModbusLampDevice() override { (void)set(0, {clock_.now() + farewell, {}}); }
+
+  Result<void> set(double power, const Until& until) override {
+    const auto raw = config_.coil
+                         ? static_cast<std::uint16_t>(power > 0 ? 1 : 0)
+                         : static_cast<std::uint16_t>(std::lround(power * config_.full_scale));
+    auto done = bus_->write(config_.unit, table(), address(), {raw}, false, until);
+    if (!done) return tl::unexpected(with_context("switch the lamp", done.error()));
+    return {};
+  }
+
+  Result<LampState> state(const Until& until) override {
+    auto words = bus_->read(config_.unit, table(), address(), 1, until);
+    if (!words) return tl::unexpected(with_context("read the lamp", words.error()));
+    const double full = config_.coil ? 1.0 : config_.full_scale;
+    return LampState{words->front() / full, true, std::nullopt};
+  }
+
+ private:
+  RegisterTable table() const {
+    return config_.coil ? RegisterTable::coil : RegisterTable::holding;
+  }
+  int address() const { return config_.coil ? *config_.coil : config_.holding.value_or(0); }
+
+  const ModbusLamp config_;
+  Clock& clock_;
+  std::unique_ptr<ModbusBus> bus_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Lamp>> open_lamp(const Rig&, const ModbusLamp& backend, Clock& clock) {
+  auto bus = ModbusBus::open(backend.endpoint, backend.timeout, clock);
+  if (!bus) return tl::unexpected(bus.error());
+  std::unique_ptr<Lamp> lamp = std::make_unique<ModbusLampDevice>(backend, clock, std::move(*bus));
+  // Whatever an earlier program left burning goes dark now.
+  if (auto dark = lamp->set(0, {clock.now() + 2 * backend.timeout, {}}); !dark)
+    return tl::unexpected(dark.error());
+  return lamp;
+}
+
+}  // namespace lightrig

@@ -1,0 +1,225 @@
+#include "sim/usb/grbl_machine.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <optional>
+
+namespace lightrig::sim {
+namespace {
+
+constexpr std::string_view machine_letters = "XYZABC";
+constexpr const char* banner = "\r\nGrbl 1.1h ['$' for help]\r\n";
+constexpr std::size_t most_queued = 15;  // GRBL's planner blocks
+
+/// A word of a block, e.g..
+struct Word {
+  char letter;
+  double value;
+};
+
+std::optional<std::vector<Word>> words_of(const std::string& text) {
+  std::vector<Word> words;
+  for (std::size_t i = 0; i < text.size();) {
+    const char letter = text[i++];
+    if (std::isalpha(static_cast<unsigned char>(letter)) == 0) return std::nullopt;
+    double value = 0;
+    const auto [end, error] = std::from_chars(text.data() + i, text.data() + text.size(), value);
+    if (error != std::errc()) return std::nullopt;
+    i = static_cast<std::size_t>(end - text.data());
+    words.push_back({letter, value});
+  }
+  return words;
+}
+
+}  // namespace
+
+GrblMachine::GrblMachine(const GrblGantry& backend, std::shared_ptr<World> world)
+    : backend_(backend), world_(std::move(world)) {
+  settings_ = {{13, 0}, {20, 1}, {21, 0}, {22, 1}, {30, 1000}, {31, 0}, {32, 0}};
+  const GantryModel& model = world_->rig().gantry.model;
+  for (std::size_t i = 0; i < backend_.letters.size(); ++i) {
+    const auto axis = static_cast<int>(machine_letters.find(backend_.letters[i]));
+    const double units = backend_.units_per_si[i];
+    settings_[110 + axis] = model.axes[i].max_speed * units * 60;
+    settings_[120 + axis] = model.axes[i].max_acceleration * units;
+    settings_[130 + axis] = (model.axes[i].max - model.axes[i].min) * units;
+  }
+}
+
+// The controller's zero is where homing ends.
+double GrblMachine::machine_units(std::size_t axis, double value) const {
+  return (value - world_->rig().gantry.model.axes[axis].home) * backend_.units_per_si[axis];
+}
+
+std::string GrblMachine::receive(std::string_view bytes) {
+  std::string said;
+  for (const char byte : bytes) {
+    if (byte == '?' || byte == '!' || byte == '~' || byte == 0x18) {
+      said += realtime(byte);
+    } else if (byte == '\n' || byte == '\r') {
+      // Every line end is answered, an empty line too: "\r\n" gives two answers.
+      if (!silent_) said += line(std::exchange(pending_, {}));
+      pending_.clear();
+    } else if (pending_.size() < 127) {
+      pending_ += byte;
+    }
+  }
+  return said;
+}
+
+std::string GrblMachine::realtime(char byte) {
+  if (byte == 0x18) return reset();
+  if (silent_ && byte != '?') return {};
+  if (byte == '?') return report();
+  if (byte == '!' && !world_->gantry_status().at_rest && !homing_) {
+    hold_ = true;
+    resumable_ = true;
+    world_->halt_gantry();
+  }
+  if (byte == '~' && hold_ && world_->gantry_status().at_rest) {
+    hold_ = false;
+    if (std::exchange(resumable_, false)) (void)world_->start_move(going_to_);
+  }
+  return {};
+}
+
+std::string GrblMachine::reset() {
+  const bool in_motion = !world_->gantry_status().at_rest;
+  pending_.clear();
+  queue_.clear();
+  hold_ = resumable_ = silent_ = false;
+  lamp_on_ = false;
+  (void)world_->set_lamp(0);
+  std::string said;
+  if (in_motion || homing_) {
+    world_->lose_position();
+    said = homing_ ? "ALARM:6\r\n" : "ALARM:3\r\n";
+    alarm_ = true;
+  }
+  homing_ = false;
+  said += banner;
+  if (alarm_) said += "[MSG:'$H'|'$X' to unlock]\r\n";
+  return said;
+}
+
+std::string GrblMachine::alarm(int number) {
+  alarm_ = true;
+  silent_ = number == 1 || number == 2;
+  return fmt::format("ALARM:{}\r\n", number);
+}
+
+std::string GrblMachine::report() const {
+  const GantryStatus status = world_->gantry_status();
+  std::string state = "Idle";
+  if (homing_)
+    state = "Home";
+  else if (alarm_)
+    state = "Alarm";
+  else if (!status.open_interlocks.empty())
+    state = status.at_rest ? "Door:1" : "Door:2";
+  else if (hold_)
+    state = status.at_rest ? "Hold:0" : "Hold:1";
+  else if (!status.at_rest || !queue_.empty())
+    state = "Run";
+  std::vector<double> position(3, 0.0);
+  for (std::size_t i = 0; i < backend_.letters.size(); ++i) {
+    const std::size_t axis = machine_letters.find(backend_.letters[i]);
+    if (axis >= position.size()) position.resize(axis + 1, 0.0);
+    position[axis] = machine_units(i, status.position.axes[static_cast<Eigen::Index>(i)]);
+  }
+  std::string text = fmt::format("<{}|MPos:{:.3f}", state, fmt::join(position, ","));
+  text += fmt::format("|FS:0,{:.0f}", lamp_on_ ? spindle_ : 0.0);
+  if (!status.open_interlocks.empty()) text += "|Pn:D";
+  return text + ">\r\n";
+}
+
+std::string GrblMachine::settings() const {
+  std::string said;
+  for (const auto& [number, value] : settings_)
+    said += fmt::format("${}={:.3f}\r\n", number, value);
+  return said + "ok\r\n";
+}
+
+std::string GrblMachine::start_homing() {
+  if (settings_.at(22) < 1) return "error:5\r\n";
+  (void)world_->clear_fault();
+  if (!world_->start_homing()) return "error:13\r\n";
+  alarm_ = false;
+  homing_ = true;  // its ok comes when it has ended
+  return {};
+}
+
+std::string GrblMachine::tick() {
+  const GantryStatus status = world_->gantry_status();
+  if (!status.alarm.empty() && !alarm_) return alarm(1);
+  if (homing_ && status.at_rest) {
+    homing_ = false;
+    if (!status.homed) return alarm(status.open_interlocks.empty() ? 9 : 7);
+    return "ok\r\n";
+  }
+  if (!hold_ && !alarm_ && status.at_rest) start_next();
+  return {};
+}
+
+void GrblMachine::start_next() {
+  if (queue_.empty()) return;
+  going_to_ = queue_.front();
+  queue_.pop_front();
+  (void)world_->start_move(going_to_);
+}
+
+std::string GrblMachine::line(std::string text) {
+  std::erase_if(text, [](unsigned char c) { return std::isspace(c) != 0; });
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  if (text.empty()) return "ok\r\n";
+  if (text == "$$") return settings();
+  if (text == "$H") return start_homing();
+  if (text == "$X") {
+    alarm_ = false;
+    return "[MSG:Caution: Unlocked]\r\nok\r\n";
+  }
+  if (text.front() == '$') return "error:3\r\n";
+  if (alarm_) return "error:9\r\n";
+  return block(text);
+}
+
+std::string GrblMachine::block(const std::string& text) {
+  const auto words = words_of(text);
+  if (!words) return "error:1\r\n";
+  GantryPosition target{world_->gantry_status().position.axes};
+  if (!queue_.empty()) target = queue_.back();
+  bool moves = false;
+  for (const Word& word : *words)
+    if (word.letter == 'S')
+      spindle_ = word.value;  // S takes effect before M, wherever it stands in the block
+  for (const Word& word : *words) {
+    const auto axis = std::find(backend_.letters.begin(), backend_.letters.end(), word.letter);
+    if (axis != backend_.letters.end()) {
+      const auto i = static_cast<std::size_t>(axis - backend_.letters.begin());
+      target.axes[static_cast<Eigen::Index>(i)] =
+          world_->rig().gantry.model.axes[i].home + word.value / backend_.units_per_si[i];
+      moves = true;
+    } else if (word.letter == 'M') {
+      if (word.value == 3 || word.value == 7 || word.value == 8) lamp_on_ = true;
+      if (word.value == 5 || word.value == 9) lamp_on_ = false;
+      const auto* lamp = std::get_if<GantryLamp>(&world_->rig().lamp.backend);
+      const bool dims = word.value == 3 && lamp && lamp->output == "spindle";
+      const double power = !lamp_on_ ? 0.0 : dims ? spindle_ / settings_.at(30) : 1.0;
+      if (lamp && !world_->set_lamp(power)) return "error:33\r\n";
+    } else if (word.letter != 'G' && word.letter != 'F' && word.letter != 'S') {
+      return "error:20\r\n";
+    }
+  }
+  if (!moves) return "ok\r\n";
+  if (!within_limits(world_->rig().gantry.model, target)) return alarm(2);
+  if (queue_.size() >= most_queued) return "error:24\r\n";
+  queue_.push_back(target);
+  if (world_->gantry_status().at_rest && !hold_) start_next();
+  return "ok\r\n";
+}
+
+}  // namespace lightrig::sim

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <deque>
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "config/rig.h"
+#include "sim/world.h"
+
+namespace lightrig::sim {
+
+/// A GRBL 1.1 controller that moves the world, byte in, byte out, as the firmware was seen to
+/// behave: `ok` means queued, real- time bytes are never acknowledged, a soft limit is followed by
+/// silence, a reset in motion loses the position. No wire, no thread; tick() lets time pass.
+class GrblMachine {
+ public:
+  GrblMachine(const GrblGantry& backend, std::shared_ptr<World> world);
+
+  /// Takes bytes as they come; returns what the controller says at once.
+  std::string receive(std::string_view bytes);
+  /// What it says by itself now: the ok of a homing that ended, the next queued move.
+  std::string tick();
+
+ private:
+  std::string realtime(char byte);
+  std::string line(std::string text);
+  std::string block(const std::string& text);
+  std::string alarm(int number);
+  std::string reset();
+  std::string report() const;
+  std::string settings() const;
+  std::string start_homing();
+  void start_next();
+  double machine_units(std::size_t axis, double value) const;
+
+  const GrblGantry backend_;
+  std::shared_ptr<World> world_;
+  std::string pending_;
+  std::deque<GantryPosition> queue_;
+  GantryPosition going_to_;
+  bool homing_ = false, hold_ = false, resumable_ = false;
+  bool alarm_ = true;    ///< locked at start: homing is enabled
+  bool silent_ = false;  ///< after a soft limit, until a reset
+  bool lamp_on_ = false;
+  double spindle_ = 0;  ///< S word
+  std::map<int, double> settings_;
+};
+
+}  // namespace lightrig::sim

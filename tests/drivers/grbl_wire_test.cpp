@@ -1,0 +1,115 @@
+// The GRBL gantry against a simulated controller on a pty, and the protocol's words as FIELD notes
+// of the firmware have them.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <thread>
+
+#include "tests/drivers/wire_rig.h"
+
+namespace lightrig {
+namespace {
+
+using namespace std::chrono_literals;
+
+class GrblWire : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!backends()[1].built) GTEST_SKIP() << "USB and serial are left out of this build";
+    rig_ = test::quick_rig();
+    backend_.letters = {'X', 'Y'};
+    backend_.units_per_si = {57.29577951308232, 57.29577951308232};
+    SerialEndpoint serial;
+    serial.device = testing::TempDir() + "lightrig_grbl_" + std::to_string(getpid());
+    backend_.endpoint = serial;
+    rig_.gantry.backend = backend_;
+    rig_.lamp.backend = GantryLamp{"spindle"};
+    world_ = test::world_of(rig_, clock_);
+    auto hosted = sim::host_wire(rig_, backend_, world_);
+    ASSERT_TRUE(hosted) << hosted.error().message;
+    hosted_ = std::move(*hosted);
+  }
+
+  Result<GantryAndLamp> open() { return open_gantry(rig_, backend_, clock_); }
+  Until soon(std::chrono::milliseconds time) { return {clock_.now() + time, stop_.get_token()}; }
+
+  RealClock clock_;
+  std::stop_source stop_;
+  Rig rig_;
+  GrblGantry backend_;
+  std::shared_ptr<sim::World> world_;
+  std::vector<sim::HostedWire> hosted_;
+};
+
+TEST_F(GrblWire, HomesMovesAndReadsItsPositionBack) {
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  const auto locked = opened->gantry->status(soon(2s));
+  ASSERT_TRUE(locked) << locked.error().message;
+  EXPECT_FALSE(locked->homed);
+  const auto homed = opened->gantry->home(soon(20s));
+  ASSERT_TRUE(homed) << homed.error().message;
+  for (const auto& target : {test::at_degrees(40, 50), test::at_degrees(-60, 20)}) {
+    const auto moved = opened->gantry->move_to(target, soon(10s));
+    ASSERT_TRUE(moved) << moved.error().message;
+    EXPECT_LE((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(),
+              rig_.gantry.model.tolerance);
+  }
+}
+
+TEST_F(GrblWire, AfterAStopTheRestOfTheMoveIsNeverDriven) {
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(opened->gantry->home(soon(20s)));
+  std::jthread stopper([&] {
+    std::this_thread::sleep_for(150ms);
+    stop_.request_stop();
+  });
+  const auto begin = std::chrono::steady_clock::now();
+  const auto moved = opened->gantry->move_to(test::at_degrees(160, 80), soon(30s));
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, 1s);
+  ASSERT_FALSE(moved);
+  EXPECT_EQ(moved.error().code, ErrorCode::stopped) << moved.error().message;
+  stop_ = std::stop_source();
+  std::this_thread::sleep_for(500ms);
+  const auto rest = world_->gantry_status();
+  EXPECT_TRUE(rest.at_rest);
+  // The position is kept: a move from here works without homing.
+  const auto back = opened->gantry->move_to(test::at_degrees(0, 20), soon(20s));
+  EXPECT_TRUE(back) << back.error().message;
+}
+
+TEST_F(GrblWire, TheLampIsTheSpindleAndGoesDarkWithItsOwner) {
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(opened->gantry->home(soon(20s)));
+  ASSERT_TRUE(opened->lamp);
+  const auto set = opened->lamp->set(0.5, soon(2s));
+  ASSERT_TRUE(set) << set.error().message;
+  EXPECT_NEAR(world_->lamp_power(), 0.5, 1e-3);
+  const auto state = opened->lamp->state(soon(2s));
+  ASSERT_TRUE(state);
+  EXPECT_TRUE(state->confirmed);
+  EXPECT_NEAR(state->power, 0.5, 1e-2);
+  opened->lamp.reset();
+  EXPECT_EQ(world_->lamp_power(), 0.0);
+}
+
+TEST_F(GrblWire, AControllerFasterThanTheRigAllowsIsRefusedWithTheSettingToChange) {
+  rig_.gantry.model.axes[1].max_acceleration /= 10;
+  const auto opened = open();
+  ASSERT_FALSE(opened);
+  EXPECT_EQ(opened.error().code, ErrorCode::refused);
+  EXPECT_NE(opened.error().message.find("$121"), std::string::npos) << opened.error().message;
+}
+
+TEST_F(GrblWire, NoSuchDeviceSaysSo) {
+  std::get<SerialEndpoint>(backend_.endpoint).device = "/dev/lightrig-none";
+  const auto opened = open();
+  ASSERT_FALSE(opened);
+  EXPECT_EQ(opened.error().code, ErrorCode::not_found) << opened.error().message;
+}
+
+}  // namespace
+}  // namespace lightrig
