@@ -19,16 +19,16 @@ bool contains(const std::vector<std::string>& names, const std::string& name) {
 }
 
 Result<LoadedMaterials> load_builtin(const MaterialsConfig& config) {
-  constexpr int phi_samples = 24;  // over 0 … π; the built-in models are smooth in φd
+  constexpr int phi_samples = 16;  // over 0 … π; the built-in models are smooth in φd
   LoadedMaterials loaded;
+  std::vector<const BuiltinMaterial*> used;
   for (const BuiltinMaterial& m : builtin_materials()) {
-    if (contains(config.leave_out, m.name) || contains(config.leave_out_families, m.family)) {
+    if (contains(config.leave_out, m.name) || contains(config.leave_out_families, m.family))
       loaded.remarks.push_back(fmt::format("{} ({}): held out, as asked", m.name, m.family));
-      continue;
-    }
-    loaded.materials.push_back(
-        {m.name, m.family, m.source, tabulate(m.reflectance, BivariateGrid{}, phi_samples)});
+    else
+      used.push_back(&m);
   }
+  loaded.materials = builtin_tables(used, BivariateGrid{}, phi_samples);
   return loaded;
 }
 

@@ -56,13 +56,21 @@ const BuiltinMaterial* find_builtin(const std::string& name) {
   return found != all.end() && found->name == name ? &*found : nullptr;
 }
 
-std::vector<Material> builtin_tables(const BivariateGrid& grid, int n_phi) {
+std::vector<Material> builtin_tables(std::span<const BuiltinMaterial* const> materials,
+                                     const BivariateGrid& grid, int n_phi) {
   const ConfigurationGrid configurations = configuration_grid(grid, n_phi);
   std::vector<Material> tables;
-  for (const BuiltinMaterial& material : builtin_materials())
-    tables.push_back({material.name, material.family, material.source,
-                      material.model->tabulate(configurations)});
+  tables.reserve(materials.size());
+  for (const BuiltinMaterial* material : materials)
+    tables.push_back({material->name, material->family, material->source,
+                      material->model->tabulate(configurations)});
   return tables;
+}
+
+std::vector<Material> builtin_tables(const BivariateGrid& grid, int n_phi) {
+  std::vector<const BuiltinMaterial*> all;
+  for (const BuiltinMaterial& material : builtin_materials()) all.push_back(&material);
+  return builtin_tables(all, grid, n_phi);
 }
 
 }  // namespace lightrig

@@ -23,13 +23,21 @@ double unpolarised(double n, double k, double c) {
   return std::clamp(0.5 * rs * (1 + ratio), 0.0, 1.0);
 }
 
+// The same without absorption, which needs one root only.
+double unpolarised(double n, double c) {
+  const double inside = std::sqrt(std::max(0.0, n * n - 1 + c * c));  // n cos', 0 if total
+  const double rs = (inside - c) / (inside + c), rp = (inside - n * n * c) / (inside + n * n * c);
+  return std::min(1.0, 0.5 * (rs * rs + rp * rp));
+}
+
 }  // namespace
 
 Eigen::Array3d fresnel(const RefractiveIndex& index, double cos_d) {
   const double c = std::clamp(cos_d, 0.0, 1.0);
+  const bool grey = (index.n == index.n[0]).all() && (index.k == index.k[0]).all();
+  if (grey && index.k[0] == 0) return Eigen::Array3d::Constant(unpolarised(index.n[0], c));
   const double red = unpolarised(index.n[0], index.k[0], c);
-  if ((index.n == index.n[0]).all() && (index.k == index.k[0]).all())
-    return Eigen::Array3d::Constant(red);
+  if (grey) return Eigen::Array3d::Constant(red);
   return {red, unpolarised(index.n[1], index.k[1], c), unpolarised(index.n[2], index.k[2], c)};
 }
 

@@ -52,7 +52,7 @@ double fibre_visibility(double cos_a, double cos_b) {
 
 // Share of light from one direction that a lobe of weight 1 reflects.
 Array3d facet_albedo(const Lobe& lobe, const SmithLambda& lambda, double cos_i) {
-  constexpr int rings = 24, sectors = 12;
+  constexpr int rings = 16, sectors = 8;
   const double sin_i = std::sqrt(std::max(0.0, 1 - cos_i * cos_i));
   const double ln_alpha = std::log(lobe.slopes.roughness);
   const double lambda_i = lambda(-ln_alpha - ln_tangent(cos_i));
