@@ -75,7 +75,7 @@ std::vector<MaterialSpec> builtin_metals() {
       hazy("gold-polished", gold(), 0.02, 2, 0.12, 0.08, 0.005),
       finish("gold-satin", gold(), 0.12, 1.7),
       finish("gold-matt", gold(), 0.35, gaussian, grooves),
-      hazy("copper-polished", copper(), 0.03, gaussian, 0.15, 0.15, 0.01),
+      hazy("copper-polished", copper(), 0.03, 4, 0.15, 0.15, 0.01),
       finish("copper-rolled", copper(), 0.10, 2),
       dull("copper-tarnished", copper(), 0.20, 1.8, 0.5, {0.20, 0.09, 0.05}, 0.4),
       hazy("nickel-plated", nickel(), 0.010, 1.7, 0.06, 0.20, 0.004),
