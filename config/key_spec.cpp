@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 
 namespace lightrig {
 
@@ -14,7 +15,7 @@ const KeySpec* find_key(const TableSpec& table, const std::string& name) {
 
 std::string range_phrase(const KeySpec& key) {
   const bool low = std::isfinite(key.range.least), high = std::isfinite(key.range.most);
-  const std::string unit = *key.unit.text == '\0' ? "" : std::string(" ") + key.unit.text;
+  const std::string unit = after_number(key.unit);
   const std::string over = key.range.without_least ? "> " : "≥ ";
   std::string text;
   if (low && high && !key.range.without_least)
@@ -64,13 +65,49 @@ std::string kind_phrase(const KeySpec& key) {
 
 }  // namespace
 
-std::string phrase(const KeySpec& key) {
-  std::string text = kind_phrase(key);
-  if (!key.sizes.empty()) text = fmt::format("{} ({})", text, fmt::join(key.sizes, " or "));
+namespace {
+
+std::string with_range(const std::string& kind, const KeySpec& key) {
   const std::string range = range_phrase(key);
-  if (!range.empty()) return text + ", " + range;
-  if (*key.unit.text != '\0') return text + " [" + key.unit.text + "]";
-  return text;
+  if (!range.empty()) return kind + ", " + range;
+  return *key.unit.text == '\0' ? kind : kind + " [" + key.unit.text + "]";
+}
+
+}  // namespace
+
+std::string phrase(const KeySpec& key) {
+  std::string kind = kind_phrase(key);
+  if (!key.sizes.empty()) kind = fmt::format("{} ({})", kind, fmt::join(key.sizes, " or "));
+  return with_range(kind, key);
+}
+
+std::string item_phrase(const KeySpec& key) {
+  switch (key.kind) {
+    case ValueKind::vector3:
+    case ValueKind::channels:
+    case ValueKind::numbers:
+    case ValueKind::vectors:
+      return with_range("number", key);
+    case ValueKind::integers:
+      return with_range("integer", key);
+    case ValueKind::texts:
+      return "text";
+    default:
+      return phrase(key);
+  }
+}
+
+std::string after_number(const Unit& unit) {
+  const std::string_view text(unit.text);
+  if (text.empty()) return {};
+  return fmt::format("{}{}", text.starts_with("°") ? "" : " ", text);
+}
+
+std::string with_article(const std::string& phrase) {
+  const bool none =
+      phrase.starts_with("one of") || phrase.starts_with("true") || phrase.starts_with("[");
+  if (none) return phrase;
+  return fmt::format("{} {}", phrase.starts_with("integer") ? "an" : "a", phrase);
 }
 
 }  // namespace lightrig

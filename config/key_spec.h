@@ -116,15 +116,23 @@ struct TableSpec {
   std::vector<KeySpec> keys = {};
   std::vector<TableSpec> tables = {};
   std::vector<std::vector<std::string>> exactly_one =
-      {};                  ///< of these keys exactly one must be given
+      {};                                 ///< of these keys exactly one must be given
+  std::vector<std::string> foreign = {};  ///< tables of another kind of file …
+  std::string foreign_why = {};           ///< … and why they may not stand in this one
   bool free_form = false;  ///< any keys, with text, number or boolean values, in name order
 };
 
 const KeySpec* find_key(const TableSpec& table, const std::string& name);
 
-/// "number [m], 0.01 … 10", "one of "a", "b"", …: type, unit and range in a phrase.
+/// "number, 0.01 … 10 m", "one of "a", "b"", …: type, unit and range in a phrase.
 std::string phrase(const KeySpec& key);
+/// The same of one item of a list; of a key that is no list, its phrase.
+std::string item_phrase(const KeySpec& key);
 /// "0.01 … 10 m", "> 0", "≥ 1"; "" when anything goes.
 std::string range_phrase(const KeySpec& key);
+/// " m", "°", "": a unit as it follows a number.
+std::string after_number(const Unit& unit);
+/// "a number", "an integer", "one of …", "[x, y, z]": a phrase as it follows "must be".
+std::string with_article(const std::string& phrase);
 
 }  // namespace lightrig

@@ -61,7 +61,8 @@ ExposureRange exposures_of(const Section& root) {
   const Section* sensor = camera == nullptr ? nullptr : camera->find("sensor");
   if (sensor == nullptr || !sensor->has("min_exposure_s") || !sensor->has("max_exposure_s"))
     return range;
-  return {sensor->number("min_exposure_s"), sensor->number("max_exposure_s")};
+  const ExposureRange said{sensor->number("min_exposure_s"), sensor->number("max_exposure_s")};
+  return said.least < said.most ? said : range;
 }
 
 }  // namespace

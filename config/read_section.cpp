@@ -13,8 +13,37 @@ namespace {
 std::string joined(const std::string& path, const std::string& name) {
   return path.empty() ? name : path + "." + name;
 }
+// "[gantry]"; of the second of a list "[[gantry.axis]] 2".
 std::string bracketed(const Section& section) {
-  return section.path.empty() ? "the file" : "[" + section.path + "]";
+  const std::string& path = section.path;
+  if (path.empty()) return "the file";
+  if (path.back() != ']') return "[" + path + "]";
+  const auto at = path.rfind('[');
+  return fmt::format("[[{}]] {}", path.substr(0, at), path.substr(at + 1, path.size() - at - 2));
+}
+
+// A doc sentence in the middle of another: "The most power." becomes "the most power".
+std::string mid_sentence(std::string doc) {
+  if (doc.ends_with('.')) doc.pop_back();
+  const bool word = doc.size() > 1 && doc[0] >= 'A' && doc[0] <= 'Z' &&
+                    (doc[1] == ' ' || (doc[1] >= 'a' && doc[1] <= 'z'));
+  if (word) doc[0] = static_cast<char>(doc[0] - 'A' + 'a');
+  return doc;
+}
+
+// "[lamp], [gantry]": every table under `table` that has a key of this name.
+std::vector<std::string> tables_with(const std::string& key, const TableSpec& table,
+                                     const std::string& path = {}) {
+  std::vector<std::string> found;
+  if (!path.empty() && find_key(table, key) != nullptr)
+    found.push_back(table.repeat == Repeat::list    ? "[[" + path + "]]"
+                    : table.repeat == Repeat::named ? "[" + path + ".NAME]"
+                                                    : "[" + path + "]");
+  for (const TableSpec& inner : table.tables) {
+    const auto within = tables_with(key, inner, joined(path, inner.name));
+    found.insert(found.end(), within.begin(), within.end());
+  }
+  return found;
 }
 
 const std::string& value_text(const Cell& cell) { return std::get<std::string>(*cell.value); }
@@ -39,7 +68,9 @@ Holds holds(const Condition& condition, const Section& section) {
 std::string neighbour(const Condition& condition, const Section& section) {
   const auto at = std::ranges::find_if(
       section.cells, [&](const Cell& c) { return c.spec->name == condition.key; });
-  if (condition.values.empty()) return condition.key + " is not given";
+  if (condition.values.empty())
+    return at->given ? fmt::format("{} is given (line {})", condition.key, at->key_place.line)
+                     : condition.key + " is not given";
   return fmt::format("{} is {} ({})", condition.key, to_toml(*at->value),
                      at->given ? fmt::format("line {}", at->place.line) : "by default");
 }
@@ -51,7 +82,7 @@ std::string condition_text(const Condition& condition) {
 
 class SectionReader {
  public:
-  explicit SectionReader(Findings& findings) : findings_(findings) {}
+  SectionReader(const TableSpec& root, Findings& findings) : root_(root), findings_(findings) {}
 
   Section read(const TomlNode& node, const TableSpec& spec, const std::string& path,
                const Place& header, bool given) {
@@ -64,10 +95,11 @@ class SectionReader {
       read_free_form(node, section);
       return section;
     }
-    refuse_unknown(node, section);
-    for (const KeySpec& key : spec.keys) section.cells.push_back(read_key(node, key, section));
+    const std::vector<std::string> misspelt = refuse_unknown(node, section);
+    for (const KeySpec& key : spec.keys)
+      section.cells.push_back(read_key(node, key, section, misspelt));
     for (const auto& group : spec.exactly_one) check_exactly_one(group, section);
-    for (const TableSpec& table : spec.tables) read_tables(node, table, section);
+    for (const TableSpec& table : spec.tables) read_tables(node, table, section, misspelt);
     return section;
   }
 
@@ -88,27 +120,42 @@ class SectionReader {
     std::ranges::sort(section.free_form);
   }
 
-  void refuse_unknown(const TomlNode& node, const Section& section) {
+  // The names that were probably meant: that they are missing need not be said as well.
+  std::vector<std::string> refuse_unknown(const TomlNode& node, const Section& section) {
     const TableSpec& spec = *section.spec;
-    std::vector<std::string> keys, tables;
-    for (const KeySpec& key : spec.keys) keys.push_back(key.name);
-    for (const TableSpec& table : spec.tables) tables.push_back(table.name);
-    std::vector<std::string> all = keys;
-    all.insert(all.end(), tables.begin(), tables.end());
+    std::vector<std::string> known, meant;
+    for (const KeySpec& key : spec.keys) known.push_back(key.name);
+    for (const TableSpec& table : spec.tables) known.push_back(table.name);
     for (const TomlEntry& entry : node.entries) {
-      if (std::ranges::find(all, entry.key) != all.end()) continue;
+      if (std::ranges::find(known, entry.key) != known.end()) continue;
+      if (std::ranges::find(spec.foreign, entry.key) != spec.foreign.end()) {
+        findings_.error(entry.place, fmt::format("[{}] {}", entry.key, spec.foreign_why));
+        continue;
+      }
       const bool is_table = entry.value.kind == TomlNode::Kind::table;
-      std::string suggestion = did_you_mean(entry.key, all);
-      if (suggestion.empty() && !all.empty() && all.size() <= 12)
-        suggestion = fmt::format("known here: {}", fmt::join(all, ", "));
-      findings_.error(is_table && entry.place.line == 0 ? entry.value.place : entry.place,
+      const std::string near = nearest(entry.key, known);
+      const bool taken = !near.empty() && node.find(near) != nullptr;
+      if (!near.empty()) meant.push_back(near);
+      findings_.error(entry.place,
                       fmt::format("unknown {} \"{}\" in {}", is_table ? "table" : "key", entry.key,
                                   bracketed(section)),
-                      suggestion);
+                      taken ? fmt::format("\"{}\" is given already", near)
+                            : suggestion(entry.key, near, known));
     }
+    return meant;
   }
 
-  Cell read_key(const TomlNode& node, const KeySpec& key, const Section& section) {
+  std::string suggestion(const std::string& key, const std::string& near,
+                         const std::vector<std::string>& known) const {
+    const std::vector<std::string> elsewhere = tables_with(key, root_);
+    if (!elsewhere.empty() && elsewhere.size() <= 3)
+      return fmt::format("it belongs in {}", fmt::join(elsewhere, " or "));
+    if (!near.empty()) return "did you mean \"" + near + "\"?";
+    return known.size() <= 12 ? fmt::format("known here: {}", fmt::join(known, ", ")) : "";
+  }
+
+  Cell read_key(const TomlNode& node, const KeySpec& key, const Section& section,
+                const std::vector<std::string>& misspelt) {
     Cell cell;
     cell.spec = &key;
     cell.key_place = cell.place = section.place;
@@ -129,14 +176,15 @@ class SectionReader {
       return cell;
     }
     if (key.need == Need::defaulted) cell.value = default_value(key);
-    const bool missing = key.need == Need::required && legal == Holds::yes;
+    const bool missing = key.need == Need::required && legal == Holds::yes &&
+                         std::ranges::find(misspelt, key.name) == misspelt.end();
     if (missing && !in_a_group(key.name, *section.spec)) report_missing(key, section);
     return cell;
   }
 
   void report_missing(const KeySpec& key, const Section& section) {
-    std::string message =
-        fmt::format("{} lacks {} ({}): {}", bracketed(section), key.name, phrase(key), key.doc);
+    std::string message = fmt::format("{} lacks {} ({}): {}", bracketed(section), key.name,
+                                      phrase(key), mid_sentence(key.doc));
     if (key.when) message += fmt::format("; needed because {}", neighbour(*key.when, section));
     if (!key.why.empty()) message += "; no default: " + key.why;
     findings_.error(section.place, message);
@@ -163,14 +211,17 @@ class SectionReader {
                                   given[0]->key_place.line, fmt::join(group, ", ")));
   }
 
-  void read_tables(const TomlNode& node, const TableSpec& spec, Section& section) {
+  void read_tables(const TomlNode& node, const TableSpec& spec, Section& section,
+                   const std::vector<std::string>& misspelt) {
     const Holds legal = spec.when ? holds(*spec.when, section) : Holds::yes;
     const TomlEntry* entry = node.find(spec.name);
     const std::string path = joined(section.path, spec.name);
     if (entry == nullptr) {
       if (spec.repeat == Repeat::once && spec.need == Need::defaulted)
         section.sections.push_back(read(TomlNode{}, spec, path, section.place, false));
-      if (spec.need == Need::required && legal == Holds::yes) report_missing(spec, section);
+      const bool meant = std::ranges::find(misspelt, spec.name) != misspelt.end();
+      if (spec.need == Need::required && legal == Holds::yes && !meant)
+        report_missing(spec, section);
       return;
     }
     if (legal == Holds::no) {
@@ -192,7 +243,7 @@ class SectionReader {
   void report_missing(const TableSpec& spec, const Section& section) {
     const std::string path = joined(section.path, spec.name);
     const std::string header = spec.repeat == Repeat::list ? "[[" + path + "]]" : "[" + path + "]";
-    std::string message = fmt::format("missing table {}: {}", header, spec.doc);
+    std::string message = fmt::format("missing table {}: {}", header, mid_sentence(spec.doc));
     if (spec.when) message += fmt::format("; needed because {}", neighbour(*spec.when, section));
     findings_.error(section.place, message);
   }
@@ -220,9 +271,9 @@ class SectionReader {
     for (const TomlEntry& entry : node.entries) {
       if (entry.value.kind != TomlNode::Kind::table) {
         findings_.error(entry.place,
-                        fmt::format("[{}] holds named tables, such as [{}.{}]; found {}", path,
-                                    path, entry.key, name_of(entry.value.kind)));
-        continue;
+                        fmt::format("[{0}] holds named tables: write [{0}.NAME]; found {1} \"{2}\"",
+                                    path, name_of(entry.value.kind), entry.key));
+        return;  // the rest is most likely the same mistake
       }
       TomlNode name;
       name.kind = TomlNode::Kind::text;
@@ -240,6 +291,7 @@ class SectionReader {
     return entry.value.place.line > 0 ? entry.value.place : entry.place;
   }
 
+  const TableSpec& root_;
   Findings& findings_;
 };
 
@@ -247,7 +299,8 @@ class SectionReader {
 
 Section read_section(const TomlNode& document, const TableSpec& description, const Source& source,
                      Findings& findings) {
-  return SectionReader(findings).read(document, description, "", Place{&source, 0, 0, 1}, true);
+  return SectionReader(description, findings)
+      .read(document, description, "", Place{&source, 0, 0, 1}, true);
 }
 
 }  // namespace lightrig

@@ -14,6 +14,12 @@ namespace {
 
 using Kind = TomlNode::Kind;
 
+// 320.0 must not look like the integer 320.
+std::string with_point(double number) {
+  std::string text = fmt::format("{}", number);
+  return text.find_first_not_of("-0123456789") == std::string::npos ? text + ".0" : text;
+}
+
 // The node as it stands in the file, for "found …".
 std::string found(const TomlNode& node) {
   switch (node.kind) {
@@ -22,7 +28,7 @@ std::string found(const TomlNode& node) {
     case Kind::integer:
       return fmt::format("the integer {}", node.integer);
     case Kind::number:
-      return fmt::format("the number {}", node.number);
+      return "the number " + with_point(node.number);
     case Kind::boolean:
       return node.boolean ? "true" : "false";
     case Kind::array:
@@ -100,8 +106,9 @@ class ValueReader {
   }
 
   std::nullopt_t wrong_type(const TomlNode& node, const std::string& name) {
+    const std::string wanted = name == name_ ? phrase(key_) : item_phrase(key_);
     findings_.error(node.place,
-                    fmt::format("{} must be {}, found {}", name, phrase(key_), found(node)),
+                    fmt::format("{} must be {}, found {}", name, with_article(wanted), found(node)),
                     type_remedy(node, key_));
     return std::nullopt;
   }
@@ -109,16 +116,14 @@ class ValueReader {
 
   bool in_range(const TomlNode& node, double value, const std::string& name) {
     const Range& r = key_.range;
-    const std::string unit = *key_.unit.text == '\0' ? "" : std::string(" ") + key_.unit.text;
     if (std::isnan(value) || (std::isinf(value) && !r.infinite)) {
-      findings_.error(node.place, fmt::format("{} is {}; it must be a finite number{}", name, value,
-                                              unit.empty() ? "" : " [" + unit.substr(1) + "]"));
+      findings_.error(node.place, fmt::format("{} is {}; it must be a finite number", name, value));
       return false;
     }
     const bool low = r.without_least ? value <= r.least : value < r.least;
     if (!low && value <= r.most) return true;
-    findings_.error(node.place, fmt::format("{} is {}{}; it must be {}", name, value, unit,
-                                            range_phrase(key_)));
+    findings_.error(node.place, fmt::format("{} is {}{}; it must be {}", name, value,
+                                            after_number(key_.unit), range_phrase(key_)));
     return false;
   }
 
@@ -185,8 +190,8 @@ class ValueReader {
     const bool fits = sizes.empty() ? n >= 1 : std::ranges::find(sizes, n) != sizes.end();
     if (!fits) {
       findings_.error(node.place, fmt::format("{} has {} items; it must be {}", name, n,
-                                              sizes.empty() ? phrase(key_) + " of at least one"
-                                                            : phrase(key_)));
+                                              sizes.empty() ? "a list of at least one"
+                                                            : with_article(phrase(key_))));
       return std::nullopt;
     }
     std::vector<T> values;

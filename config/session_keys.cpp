@@ -270,6 +270,9 @@ TableSpec session_table() {
 
 TableSpec describe_session() {
   TableSpec root{.name = "", .doc = "A session file."};
+  root.foreign = {"rig",        "camera",   "gantry",     "lamp",
+                  "interlocks", "keep_out", "candidates", "simulation"};
+  root.foreign_why = "belongs to the rig file: a session may not change the rig";
   root.tables = session_tables();
   // Each may also stand in the rig file: that one of both is there is checked when both are known.
   for (TableSpec& table : root.tables)

@@ -41,7 +41,7 @@ int edit_distance(std::string_view a, std::string_view b) {
   return last[n];
 }
 
-std::string did_you_mean(std::string_view wrong, std::span<const std::string> names) {
+std::string nearest(std::string_view wrong, std::span<const std::string> names) {
   const std::string* best = nullptr;
   int best_distance = 0;
   for (const std::string& name : names) {
@@ -53,7 +53,12 @@ std::string did_you_mean(std::string_view wrong, std::span<const std::string> na
       best_distance = distance;
     }
   }
-  return best == nullptr ? std::string{} : "did you mean \"" + *best + "\"?";
+  return best == nullptr ? std::string{} : *best;
+}
+
+std::string did_you_mean(std::string_view wrong, std::span<const std::string> names) {
+  const std::string name = nearest(wrong, names);
+  return name.empty() ? name : "did you mean \"" + name + "\"?";
 }
 
 }  // namespace lightrig
