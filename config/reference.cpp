@@ -12,9 +12,9 @@ namespace lightrig {
 namespace {
 
 std::string header_of(const TableSpec& table, const std::string& path) {
-  if (table.repeat == Repeat::list) return "[[" + path + "]]";
-  if (table.repeat == Repeat::named) return "[" + path + ".NAME]";
-  return "[" + path + "]";
+  if (table.repeat == Repeat::list) return fmt::format("[[{}]]", path);
+  if (table.repeat == Repeat::named) return fmt::format("[{}.NAME]", path);
+  return fmt::format("[{}]", path);
 }
 
 std::string condition_text(const Condition& condition) {
@@ -24,9 +24,8 @@ std::string condition_text(const Condition& condition) {
 }
 
 std::string need_text(const TableSpec& table) {
-  std::string text = table.need == Need::required ? "Required" : "Optional";
-  if (table.when) text += " " + condition_text(*table.when);
-  return text + ".";
+  return fmt::format("{}{}.", table.need == Need::required ? "Required" : "Optional",
+                     table.when ? " " + condition_text(*table.when) : "");
 }
 
 // "|" would end the cell.
@@ -42,13 +41,13 @@ std::string default_text(const KeySpec& key, const TableSpec& table) {
   });
   if (grouped) return "one of the marked ¹";
   if (key.need == Need::required) return "**required**";
-  return key.need == Need::defaulted ? "`" + key.fallback + "`" : "none";
+  return key.need == Need::defaulted ? fmt::format("`{}`", key.fallback) : "none";
 }
 
 std::string row_of(const KeySpec& key, const TableSpec& table) {
   std::string doc = key.doc;
-  if (key.when) doc += " Only " + condition_text(*key.when) + ".";
-  if (!key.why.empty()) doc += " No default: " + key.why + ".";
+  if (key.when) doc += fmt::format(" Only {}.", condition_text(*key.when));
+  if (!key.why.empty()) doc += fmt::format(" No default: {}.", key.why);
   return fmt::format("| `{}` | {} | {} | {} |\n", key.name, cell_text(phrase(key)),
                      cell_text(default_text(key, table)), cell_text(doc));
 }
