@@ -25,7 +25,7 @@ std::string condition_text(const Condition& condition) {
 
 std::string need_text(const TableSpec& table) {
   return fmt::format("{}{}.", table.need == Need::required ? "Required" : "Optional",
-                     table.when ? " " + condition_text(*table.when) : "");
+                     table.when ? fmt::format(" {}", condition_text(*table.when)) : "");
 }
 
 // "|" would end the cell.
