@@ -207,7 +207,18 @@ Result<void> DeviceHand::lamp_on() {
   if (!set) return tl::unexpected(with_context("switch the lamp on", set.error()));
   lamp_ = LampKnown::on;
   lamp_renewed_ = clock_.now();
+  if (auto seen = see_lamp(rig_.lamp.power); !seen) return seen;
   return sleep(rig_.lamp.warm_up);
+}
+
+/// That a lamp which can be asked says it does as it was told.
+Result<void> DeviceHand::see_lamp(double power) {
+  const auto state = devices_.lamp->state({later(clock_.now(), answer_time), std::stop_token()});
+  if (!state) return tl::unexpected(with_context("ask the lamp's state", state.error()));
+  if (!state->confirmed || std::abs(state->power - power) <= 0.01) return {};
+  return fail(ErrorCode::timed_out,
+              fmt::format("switch the lamp: it was told {:.2f} and says it is at {:.2f}", power,
+                          state->power));
 }
 
 Result<void> DeviceHand::lamp_dark() {
@@ -217,14 +228,17 @@ Result<void> DeviceHand::lamp_dark() {
   for (int attempt = 0; attempt < dark_attempts; ++attempt) {
     // Not our stop token: a stop is just when the lamp must go dark.
     set = devices_.lamp->set(0, {later(clock_.now(), answer_time), std::stop_token()});
+    if (set) set = see_lamp(0);
     if (set) {
       lamp_ = LampKnown::dark;
       return {};
     }
     if (set.error().code == ErrorCode::disconnected) break;
   }
-  // A lamp that went dark when told so stays dark, though its wire be gone now.
-  if (lamp_ == LampKnown::on) lamp_ = LampKnown::unknown;
+  // A lamp that went dark when told so stays dark, though its wire be gone now; unless it says it
+  // does not.
+  if (lamp_ == LampKnown::on || set.error().code == ErrorCode::timed_out)
+    lamp_ = LampKnown::unknown;
   return tl::unexpected(with_context("switch the lamp off", set.error()));
 }
 

@@ -53,6 +53,7 @@ class DeviceHand {
 
   Until within(double seconds) const;
   Result<void> renew_lamp(double seconds);
+  Result<void> see_lamp(double power);
   Result<void> check_frame(const Frame& frame, double seconds);
 
   const Rig& rig_;

@@ -202,6 +202,24 @@ Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLi
   return shot;
 }
 
+/// The quickest way round; but a session that may stop early takes its lights by worth, after the
+/// held-out ones, so that whenever it stops it has the best of the plan and something to test it
+/// by.
+std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const Plan& plan) {
+  std::vector<int> order;
+  if (spec.stop.predicted_error_percent || spec.stop.minutes || spec.stop.lights) {
+    for (const bool held_out : {true, false}) {
+      for (std::size_t i = 0; i < plan.shots.size(); ++i) {
+        if (plan.shots[i].held_out == held_out) order.push_back(static_cast<int>(i));
+      }
+    }
+    return order;
+  }
+  std::vector<GantryPosition> stops;
+  for (const Shot& shot : plan.shots) stops.push_back(shot.gantry);
+  return order_route(rig.gantry.model, home_position(rig.gantry.model), stops);
+}
+
 Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_force,
                            Prepared& prepared, StageClock& clock) {
   SelectionOptions options;
@@ -236,9 +254,7 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
     plan.shots.back().held_out = true;
   }
   clock.done("held_out");
-  std::vector<GantryPosition> stops;
-  for (const Shot& shot : plan.shots) stops.push_back(shot.gantry);
-  plan.visit_order = order_route(rig.gantry.model, home_position(rig.gantry.model), stops);
+  plan.visit_order = visiting_order(rig, spec, plan);
   clock.done("route");
   plan.predicted_capture_time = capture_time(rig, spec, plan).total();
   return {};

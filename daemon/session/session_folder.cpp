@@ -116,15 +116,14 @@ Result<T> value_of(Read<T> read) {
 }
 
 Result<void> read_configuration(SessionRecord& record) {
-  auto rig = value_of(read_rig(record.folder.rig_toml()));
+  // What the files name lies under inputs/; where it was when they were written does not matter.
+  auto rig = value_of(read_rig(record.folder.rig_toml(), NamedFiles::may_be_absent));
   if (!rig) return tl::unexpected(rig.error());
   record.rig = std::move(*rig);
   std::error_code ignored;
-  if (!fs::exists(record.folder.session_toml(), ignored)) {
-    record.spec = record.rig.session_defaults;
-    return {};
-  }
-  auto spec = value_of(read_session(record.folder.session_toml(), record.rig));
+  const bool own_file = fs::exists(record.folder.session_toml(), ignored);
+  auto spec = value_of(read_session(own_file ? record.folder.session_toml() : fs::path(),
+                                    record.rig, NamedFiles::may_be_absent));
   if (!spec) return tl::unexpected(spec.error());
   record.spec = std::move(*spec);
   return {};
