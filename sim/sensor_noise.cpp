@@ -26,12 +26,13 @@ double expected_electrons(const SensorModel& sensor, int channel, double radianc
   return (sensor.response[channel] * radiance + sensor.dark_current) * t;
 }
 
-RawImage expose_sensor(const SensorModel& sensor, int width, int height,
-                       std::span<const float> radiance, double t, PhiloxKey key, int threads) {
+std::optional<RawImage> expose_sensor(const SensorModel& sensor, int width, int height,
+                                      std::span<const float> radiance, double t, PhiloxKey key,
+                                      int threads, const std::stop_token& stop) {
   CHECK(radiance.size() == static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   CHECK(sensor.bits >= 8 && sensor.bits <= 16 && sensor.gain > 0);
   RawImage image{width, height, std::vector<std::uint16_t>(radiance.size())};
-  in_parallel(threads, height, {}, [&](int row) {
+  in_parallel(threads, height, stop, [&](int row) {
     auto site = static_cast<std::uint32_t>(row) * static_cast<std::uint32_t>(width);
     for (int column = 0; column < width; ++column, ++site) {
       const int channel = channel_at(sensor.filter, row, column);
@@ -40,6 +41,7 @@ RawImage expose_sensor(const SensorModel& sensor, int width, int height,
       image.counts[site] = digitise(sensor, mean, site, key);
     }
   });
+  if (stop.stop_requested()) return std::nullopt;
   return image;
 }
 

@@ -306,8 +306,10 @@ Result<Frame> World::expose(const SceneMoment& moment, double exposure,
     words.insert(words.end(), {noise_of_frame, std::bit_cast<std::uint64_t>(moment.lamp_power),
                                std::bit_cast<std::uint64_t>(exposure), take_, repeat});
   }
-  frame.counts = expose_sensor(sensor, rig_.camera.model.width, rig_.camera.model.height, *radiance,
-                               exposure, derive_key(seed_, words), threads_);
+  auto counts = expose_sensor(sensor, rig_.camera.model.width, rig_.camera.model.height, *radiance,
+                              exposure, derive_key(seed_, words), threads_, stop);
+  if (!counts) return fail(ErrorCode::stopped, "the exposure was stopped");
+  frame.counts = std::move(*counts);
   return frame;
 }
 

@@ -38,7 +38,7 @@ Statistics of_counts(const RawImage& image) {
 
 RawImage flat(const SensorModel& sensor, double radiance, double t, std::uint64_t seed) {
   const std::vector<float> sites(512 * 256, static_cast<float>(radiance));
-  return expose_sensor(sensor, 512, 256, sites, t, derive_key(seed, {}), 2);
+  return *expose_sensor(sensor, 512, 256, sites, t, derive_key(seed, {}), 2, {});
 }
 
 TEST(ExposeSensor, ItsPhotonTransferCurveGivesBackGainAndReadNoise) {
@@ -135,11 +135,12 @@ TEST(ExposeSensor, NoiseBelongsToKeyAndSiteAndNotToThreads) {
   const SensorModel sensor = lab_sensor();
   const std::vector<float> sites(64 * 64, 0.05F);
   const PhiloxKey key = derive_key(1, {});
-  const RawImage one = expose_sensor(sensor, 64, 64, sites, 0.5, key, 1);
-  EXPECT_EQ(one.counts, expose_sensor(sensor, 64, 64, sites, 0.5, key, 7).counts);
-  EXPECT_NE(one.counts, expose_sensor(sensor, 64, 64, sites, 0.5, derive_key(2, {}), 1).counts);
+  const RawImage one = *expose_sensor(sensor, 64, 64, sites, 0.5, key, 1, {});
+  EXPECT_EQ(one.counts, expose_sensor(sensor, 64, 64, sites, 0.5, key, 7, {})->counts);
+  EXPECT_NE(one.counts,
+            expose_sensor(sensor, 64, 64, sites, 0.5, derive_key(2, {}), 1, {})->counts);
   // Neighbouring sites and neighbouring keys are uncorrelated: |r| below 5/√n.
-  const RawImage other = expose_sensor(sensor, 64, 64, sites, 0.5, derive_key(2, {}), 1);
+  const RawImage other = *expose_sensor(sensor, 64, 64, sites, 0.5, derive_key(2, {}), 1, {});
   const Statistics s = of_counts(one), s2 = of_counts(other);
   double along = 0, across = 0;
   for (std::size_t i = 0; i + 1 < one.counts.size(); ++i) {
