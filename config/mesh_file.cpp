@@ -7,15 +7,12 @@
 #include <algorithm>
 #include <assimp/Importer.hpp>
 #include <cctype>
-#include <charconv>
-#include <cstring>
 #include <exception>
-#include <optional>
 #include <span>
-#include <sstream>
 #include <string>
 #include <vector>
 
+#include "config/ply_check.h"
 #include "config/read_bytes.h"
 
 namespace lightrig {
@@ -27,64 +24,6 @@ std::string lower_extension(const std::filesystem::path& file) {
   std::ranges::transform(extension, extension.begin(),
                          [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return extension;
-}
-
-// What the head of a PLY file promises.
-struct PlyHead {
-  std::int64_t vertices = 0, faces = 0;
-  std::int64_t least_bytes = 0;  ///< of head and elements, when binary
-  bool binary = false;
-};
-
-int ply_bytes(const std::string& type) {
-  if (type == "char" || type == "uchar" || type == "int8" || type == "uint8") return 1;
-  if (type == "short" || type == "ushort" || type == "int16" || type == "uint16") return 2;
-  if (type == "double" || type == "float64") return 8;
-  return 4;
-}
-
-std::optional<PlyHead> ply_head(std::string_view text) {
-  const auto end = text.find("end_header");
-  if (!text.starts_with("ply") || end == std::string_view::npos) return std::nullopt;
-  PlyHead head;
-  head.least_bytes = static_cast<std::int64_t>(end);
-  std::istringstream lines{std::string(text.substr(0, end))};
-  std::string line;
-  std::int64_t count = 0;
-  while (std::getline(lines, line)) {
-    std::istringstream words(line);
-    std::string what, a, b, c;
-    words >> what >> a >> b >> c;
-    if (what == "format") head.binary = a != "ascii";
-    if (what == "element") {
-      count = 0;
-      std::from_chars(b.data(), b.data() + b.size(), count);
-      if (a == "vertex") head.vertices = count;
-      if (a == "face") head.faces = count;
-    }
-    // A list takes at least its own length, and a face's at least three indices.
-    if (what == "property" && count < (std::int64_t{1} << 40))
-      head.least_bytes += count * (a == "list" ? ply_bytes(b) + 3 * ply_bytes(c) : ply_bytes(a));
-  }
-  return head;
-}
-
-// The importer believes the head of a file and gives what it finds: both are compared here.
-std::optional<std::string> ply_shortfall(std::span<const std::byte> bytes) {
-  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  const auto head = ply_head(text);
-  if (!head) return "it has no PLY header";
-  if (head->vertices < 1 || head->faces < 1)
-    return fmt::format("its header promises {} vertices and {} faces; a surface is needed",
-                       head->vertices, head->faces);
-  const auto size = static_cast<std::int64_t>(bytes.size());
-  const bool absurd = head->vertices > size || head->faces > size;
-  if (absurd || (head->binary && head->least_bytes > size))
-    return fmt::format(
-        "its header promises {} vertices and {} faces, for which its {} bytes are "
-        "too few: truncated?",
-        head->vertices, head->faces, size);
-  return std::nullopt;
 }
 
 void append(const aiMesh& part, bool with_normals, Mesh& mesh) {
@@ -162,17 +101,6 @@ Result<Mesh> read_mesh_file(const std::filesystem::path& file) {
   if (!imported.problem.empty()) return failed(ErrorCode::invalid_input, imported.problem);
   if (imported.mesh.triangles.cols() == 0)
     return failed(ErrorCode::invalid_input, "it holds no triangles");
-  if (extension == "ply") {
-    const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
-    const PlyHead head = *ply_head(text);
-    if (imported.mesh.vertices.cols() < head.vertices ||
-        imported.mesh.triangles.cols() < head.faces)
-      return failed(ErrorCode::invalid_input,
-                    fmt::format("its header promises {} vertices and {} faces, but it holds {} and "
-                                "{}: truncated?",
-                                head.vertices, head.faces, imported.mesh.vertices.cols(),
-                                imported.mesh.triangles.cols()));
-  }
   return std::move(imported.mesh);
 }
 

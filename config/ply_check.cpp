@@ -1,0 +1,163 @@
+#include "config/ply_check.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <charconv>
+#include <cstdint>
+#include <cstring>
+#include <sstream>
+#include <string_view>
+#include <vector>
+
+namespace lightrig {
+namespace {
+
+struct Property {
+  bool list = false;
+  int count_bytes = 0;  ///< list: size of its length
+  int item_bytes = 0;
+};
+struct Element {
+  std::string name;
+  std::int64_t count = 0;
+  std::vector<Property> properties;
+};
+enum class Encoding : std::uint8_t { ascii, little, big };
+struct Head {
+  Encoding encoding = Encoding::ascii;
+  std::vector<Element> elements;
+  std::size_t body = 0;  ///< where the elements begin
+
+  std::int64_t count_of(std::string_view name) const {
+    const auto at = std::ranges::find(elements, name, &Element::name);
+    return at == elements.end() ? 0 : at->count;
+  }
+};
+
+int bytes_of(const std::string& type) {
+  if (type == "char" || type == "uchar" || type == "int8" || type == "uint8") return 1;
+  if (type == "short" || type == "ushort" || type == "int16" || type == "uint16") return 2;
+  if (type == "double" || type == "float64") return 8;
+  return 4;
+}
+
+std::optional<Head> read_head(std::string_view text) {
+  constexpr std::string_view closing = "end_header";
+  const auto end = text.find(closing);
+  if (!text.starts_with("ply") || end == std::string_view::npos) return std::nullopt;
+  const auto line_end = text.find('\n', end);
+  if (line_end == std::string_view::npos) return std::nullopt;
+  Head head;
+  head.body = line_end + 1;
+  std::istringstream lines{std::string(text.substr(0, end))};
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    std::string what, a, b, c;
+    words >> what >> a >> b >> c;
+    if (what == "format")
+      head.encoding = a == "binary_little_endian" ? Encoding::little
+                      : a == "binary_big_endian"  ? Encoding::big
+                                                  : Encoding::ascii;
+    if (what == "element") {
+      Element element{a, 0, {}};
+      std::from_chars(b.data(), b.data() + b.size(), element.count);
+      head.elements.push_back(std::move(element));
+    }
+    if (what == "property" && !head.elements.empty())
+      head.elements.back().properties.push_back(
+          a == "list" ? Property{true, bytes_of(b), bytes_of(c)} : Property{false, 0, bytes_of(a)});
+  }
+  return head;
+}
+
+// Walks over the values of a body; false, or nothing, where it ends too early.
+class Body {
+ public:
+  Body(std::string_view text, Encoding encoding) : left_(text), encoding_(encoding) {}
+
+  bool skip(std::int64_t values, int bytes_each) {
+    if (encoding_ == Encoding::ascii) {
+      for (; values > 0; --values)
+        if (word().empty()) return false;
+      return true;
+    }
+    const auto n = static_cast<std::uint64_t>(values) * static_cast<std::uint64_t>(bytes_each);
+    if (n > left_.size()) return false;
+    left_.remove_prefix(n);
+    return true;
+  }
+
+  std::optional<std::int64_t> read_count(int bytes) {
+    std::uint64_t value = 0;
+    if (encoding_ == Encoding::ascii) {
+      const std::string_view text = word();
+      const auto [at, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+      if (text.empty() || error != std::errc{}) return std::nullopt;
+    } else {
+      const auto size = static_cast<std::size_t>(bytes);
+      if (size > left_.size()) return std::nullopt;
+      for (std::size_t i = 0; i < size; ++i) {
+        const std::size_t at = encoding_ == Encoding::big ? i : size - 1 - i;
+        value = value << 8U | static_cast<unsigned char>(left_[at]);
+      }
+      left_.remove_prefix(size);
+    }
+    // More items than bytes can only be a mistake; it must not overflow what skip() multiplies.
+    if (value > left_.size()) return std::nullopt;
+    return static_cast<std::int64_t>(value);
+  }
+
+ private:
+  std::string_view word() {
+    constexpr const char* blanks = " \t\r\n";
+    const auto begin = std::min(left_.find_first_not_of(blanks), left_.size());
+    left_.remove_prefix(begin);
+    const auto end = std::min(left_.find_first_of(blanks), left_.size());
+    const std::string_view found = left_.substr(0, end);
+    left_.remove_prefix(end);
+    return found;
+  }
+
+  std::string_view left_;
+  Encoding encoding_;
+};
+
+bool walk(const Element& element, Body& body) {
+  for (const Property& property : element.properties) {
+    std::int64_t values = 1;
+    if (property.list) {
+      const auto count = body.read_count(property.count_bytes);
+      if (!count) return false;
+      values = *count;
+    }
+    if (!body.skip(values, property.item_bytes)) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+std::optional<std::string> ply_shortfall(std::span<const std::byte> bytes) {
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const auto head = read_head(text);
+  if (!head) return "it has no PLY header";
+  const std::int64_t vertices = head->count_of("vertex"), faces = head->count_of("face");
+  if (vertices < 1 || faces < 1)
+    return fmt::format("its header promises {} vertices and {} faces; a surface is needed",
+                       vertices, faces);
+  Body body(text.substr(head->body), head->encoding);
+  for (const Element& element : head->elements) {
+    if (element.properties.empty()) continue;
+    for (std::int64_t i = 0; i < element.count; ++i)
+      if (!walk(element, body))
+        return fmt::format(
+            "its header promises {} vertices and {} faces, but its {} bytes end "
+            "before {} {}: truncated?",
+            vertices, faces, bytes.size(), element.name, i + 1);
+  }
+  return std::nullopt;
+}
+
+}  // namespace lightrig

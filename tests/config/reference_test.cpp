@@ -1,0 +1,165 @@
+// The documents cannot drift from the reader: both are made from one description, and compared
+// here. After a deliberate change: LIGHTRIG_WRITE_DOCS=1 test_config --gtest_filter='Reference*'
+#include "config/reference.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <set>
+#include <sstream>
+
+#include "config/descriptions.h"
+#include "config/read_value.h"
+
+namespace lightrig {
+namespace {
+
+namespace fs = std::filesystem;
+
+const fs::path docs = fs::path(LIGHTRIG_SOURCE_DIR) / "docs";
+
+bool writing() { return std::getenv("LIGHTRIG_WRITE_DOCS") != nullptr; }
+
+std::string text_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+// What stands between <!-- NAME: … --> and <!-- /NAME --> in a document.
+void expect_documented(const fs::path& file, const std::string& name, const TableSpec& root) {
+  std::string text = text_of(file);
+  const std::string expected = key_reference(root);
+  const auto head = text.find(std::string("<!-- ").append(name).append(":"));
+  ASSERT_NE(head, std::string::npos) << file << " has no place for the " << name;
+  const auto begin = text.find("-->\n\n", head) + 5;
+  const auto end = text.find(std::string("<!-- /").append(name).append(" -->"), begin);
+  ASSERT_NE(end, std::string::npos) << file << ": the " << name << " do not end";
+  if (writing()) {
+    text.replace(begin, end - begin, expected);
+    std::ofstream(file, std::ios::binary) << text;
+    return;
+  }
+  EXPECT_EQ(text.substr(begin, end - begin), expected)
+      << file << " does not describe what the reader reads";
+}
+
+void expect_schema(const fs::path& file, const TableSpec& root, const std::string& title) {
+  const std::string expected = json_schema(root, title);
+  if (writing()) std::ofstream(file, std::ios::binary) << expected;
+  EXPECT_EQ(text_of(file), expected) << file;
+}
+
+TEST(Reference, OfARigFileIsWhatTheReaderReads) {
+  TableSpec root = rig_description();
+  for (const TableSpec& table : session_tables())
+    std::erase_if(root.tables, [&](const TableSpec& t) { return t.name == table.name; });
+  expect_documented(docs / "rig_file.md", "rig keys", root);
+}
+TEST(Reference, OfASessionFileIsWhatTheReaderReads) {
+  TableSpec root;
+  root.tables = session_tables();
+  expect_documented(docs / "rig_file.md", "session keys", root);
+}
+TEST(Reference, OfAControllerProfileIsWhatTheReaderReads) {
+  expect_documented(docs / "controller_profile.md", "profile keys", profile_description());
+}
+TEST(Reference, AsJsonSchemasIsWhatTheReaderReads) {
+  expect_schema(docs / "rig.schema.json", rig_description(), "lightrig rig file");
+  expect_schema(docs / "session.schema.json", session_description(), "lightrig session file");
+  expect_schema(docs / "controller.schema.json", profile_description(),
+                "lightrig controller profile");
+}
+
+using TableVisitor = std::function<void(const TableSpec&)>;
+using KeyVisitor = std::function<void(const TableSpec&, const KeySpec&)>;
+
+void for_each_table(const TableSpec& table, const TableVisitor& visit) {
+  visit(table);
+  for (const TableSpec& inner : table.tables) for_each_table(inner, visit);
+}
+void for_each_table(const TableVisitor& visit) {
+  for (const TableSpec* root : {&rig_description(), &session_description(), &profile_description()})
+    for_each_table(*root, visit);
+}
+void for_each_key(const KeyVisitor& visit) {
+  for_each_table([&](const TableSpec& table) {
+    for (const KeySpec& key : table.keys) visit(table, key);
+  });
+}
+
+TEST(Descriptions, NameEveryUnitInTheKey) {
+  for_each_key([](const TableSpec& table, const KeySpec& key) {
+    EXPECT_TRUE(key.name.ends_with(key.unit.suffix))
+        << table.name << "." << key.name << " is in " << key.unit.text;
+  });
+}
+
+TEST(Descriptions, HaveADocSentenceAndADefaultThatIsLegal) {
+  for_each_key([](const TableSpec& table, const KeySpec& key) {
+    SCOPED_TRACE(table.name + "." + key.name);
+    EXPECT_TRUE(key.doc.ends_with('.')) << key.doc;
+    EXPECT_EQ(key.need == Need::defaulted, !key.fallback.empty());
+    if (key.need == Need::defaulted) default_value(key);  // its promise is checked within
+    if (key.kind == ValueKind::choice) {
+      EXPECT_GE(key.choices.size(), 1U);
+    }
+  });
+}
+
+// Limits, speeds, accelerations, tolerance, settling, the lamp's maximum and its lease.
+TEST(Descriptions, GiveNoDefaultToWhatCanHurt) {
+  const std::set<std::string> dangerous = {"min_deg",
+                                           "max_deg",
+                                           "max_speed_deg_per_s",
+                                           "max_acceleration_deg_per_s2",
+                                           "home_deg",
+                                           "tolerance_deg",
+                                           "settle_s",
+                                           "max_power",
+                                           "max_on_time_s",
+                                           "counts_per_deg"};
+  std::set<std::string> seen;
+  for_each_key([&](const TableSpec& table, const KeySpec& key) {
+    if (!dangerous.contains(key.name)) return;
+    seen.insert(key.name);
+    EXPECT_EQ(key.need, Need::required) << table.name << "." << key.name;
+    EXPECT_FALSE(key.why.empty()) << key.name << ": a person will ask why";
+  });
+  EXPECT_EQ(seen, dangerous);
+}
+
+// An integer is handed on as int wherever it is not a seed, a raw constant or a count.
+TEST(Descriptions, BoundEveryIntegerByWhatHoldsIt) {
+  const std::set<std::string> wide = {"seed", "value", "min_position_counts",
+                                      "max_position_counts"};
+  for_each_key([&](const TableSpec& table, const KeySpec& key) {
+    if (key.kind != ValueKind::integer || wide.contains(key.name)) return;
+    EXPECT_GE(key.range.least, -2147483648.0) << table.name << "." << key.name;
+    EXPECT_LE(key.range.most, 2147483647.0) << table.name << "." << key.name;
+  });
+}
+
+TEST(Descriptions, HaveConditionsOnKeysThatStandBefore) {
+  for_each_table([](const TableSpec& table) {
+    std::set<std::string> before;
+    for (const KeySpec& key : table.keys) {
+      if (key.when) {
+        EXPECT_TRUE(before.contains(key.when->key)) << table.name << "." << key.name;
+      }
+      EXPECT_TRUE(before.insert(key.name).second) << key.name << " twice in " << table.name;
+    }
+    for (const TableSpec& inner : table.tables) {
+      if (inner.when) {
+        EXPECT_TRUE(before.contains(inner.when->key)) << inner.name;
+      }
+    }
+  });
+}
+
+}  // namespace
+}  // namespace lightrig
