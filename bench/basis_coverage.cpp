@@ -327,8 +327,7 @@ int run() {
   fmt::print(
       "materials={} projection_45_percent={:.2f} projection_45_stacked_percent={:.2f} "
       "effective_rank={:.2f} effective_rank_fits={:.2f} bivariate_loss_percent={:.2f} "
-      "make_s={:.3f} "
-      "tabulate_s={:.3f}\n",
+      "make_s={:.3f} tabulate_s={:.3f}\n",
       count, at_45, at_45_stacked, rank.effective, fits_rank, loss, made - start, tabulated - made);
   return 0;
 }

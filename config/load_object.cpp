@@ -37,8 +37,10 @@ std::string repairs_text(const MeshRepairs& r) {
   say(r.degenerate_triangles, "triangles without area dropped");
   say(r.duplicate_triangles, "duplicate triangles dropped");
   say(r.unused_vertices, "unused vertices dropped");
+  say(r.rewound_triangles, "triangles wound against their neighbours reversed");
   if (r.flipped_orientation) parts.emplace_back("was inside-out: turned");
   if (r.computed_normals) parts.emplace_back("normals computed");
+  say(r.turned_normals, "normals turned outwards");
   say(r.non_manifold_edges, "edges with more than two triangles left");
   say(r.boundary_edges, "boundary edges left");
   if (r.components > 1) parts.push_back(fmt::format("{} components", r.components));

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "core/shapes.h"
+#include "planner_scene.h"
 
 namespace lightrig {
 namespace {
@@ -175,6 +176,37 @@ TEST(RepairedMesh, KeepsACreaseWhoseNormalsDiffer) {
   const Mesh cylinder = make_cylinder(1, 1, 1);
   EXPECT_EQ(repaired(cylinder).mesh.vertices.cols(), cylinder.vertices.cols());
   EXPECT_EQ(repaired(without_normals(cylinder)).repairs.duplicate_vertices, 2 * 96);
+}
+
+TEST(RepairedMesh, FindsInTheScansWhatTheirReadmeStates) {
+  const auto folder = test::data_folder();
+  if (!folder) GTEST_SKIP() << "LIGHTRIG_DATA names no folder";
+  const RepairedMesh bunny = repaired(test::data_mesh(*folder, "bunny"));
+  EXPECT_EQ(bunny.mesh.vertices.cols(), 34834);
+  EXPECT_EQ(bunny.repairs.boundary_edges, 223);
+  EXPECT_EQ(bunny.repairs.components, 1);
+  EXPECT_FALSE(bunny.repairs.flipped_orientation || bunny.repairs.computed_normals);
+  EXPECT_EQ(repaired(test::data_mesh(*folder, "dragon")).repairs.components, 2);
+  const RepairedMesh teapot = repaired(test::data_mesh(*folder, "teapot"));
+  EXPECT_EQ(teapot.repairs.components, 3);
+  EXPECT_EQ(teapot.repairs.boundary_edges, 96);
+}
+
+TEST(Teapot, CoincidesWithAnIndependentTessellationOfThePatches) {
+  // Every vertex of the data folder's 6 × 6 tessellation is one of ours, scaled to unit radius.
+  const auto folder = test::data_folder();
+  if (!folder) GTEST_SKIP() << "LIGHTRIG_DATA names no folder";
+  const Mesh theirs = test::data_mesh(*folder, "teapot");
+  Mesh ours = tessellate_teapot(6);
+  const Eigen::Vector3d centre =
+      0.5 * (ours.vertices.rowwise().minCoeff() + ours.vertices.rowwise().maxCoeff());
+  ours.vertices.colwise() -= centre;
+  ours.vertices /= ours.vertices.colwise().norm().maxCoeff();
+  ASSERT_EQ(theirs.vertices.cols(), 1177);
+  for (Eigen::Index i = 0; i < theirs.vertices.cols(); ++i) {
+    const Eigen::Vector3d p = theirs.vertices.col(i);
+    EXPECT_LT((ours.vertices.colwise() - p).colwise().norm().minCoeff(), 1e-5) << p.transpose();
+  }
 }
 
 }  // namespace
