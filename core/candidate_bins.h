@@ -45,6 +45,8 @@ struct BinningStatistics {
   std::int64_t back_facing = 0;  ///< pairs dropped: n·l ≤ 0 or beyond the grazing limits
   std::int64_t no_half_vector = 0;  ///< pairs with l = −v
   std::int64_t repeated = 0;        ///< pairs that fell in a cell the same light had already filled
+  std::int64_t passed_over = 0;  ///< pairs never looked at: their whole bundle of normals is unlit
+                                 ///< or shows nothing new (distant lamp and view)
   std::int64_t rays_cast = 0;
   std::int64_t rays_left_out = 0;  ///< pairs that needed no shadow ray
   bool convex = false;             ///< the object was found convex: no ray at all

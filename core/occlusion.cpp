@@ -73,6 +73,15 @@ std::optional<UnitRay> clip(const Eigen::Vector3d& origin, const Eigen::Vector3d
 bool is_closed_and_convex(const Mesh& mesh, double radius) {
   const Eigen::Index triangles = mesh.triangles.cols();
   if (triangles < 4) return false;
+  const double slack = 1e-9 * radius;
+  // A few faces against all vertices tell most concave objects at once.
+  for (Eigen::Index t = 0; t < triangles; t += std::max<Eigen::Index>(1, triangles / 8)) {
+    const Eigen::Vector3d a = mesh.vertices.col(mesh.triangles(0, t));
+    const Eigen::Vector3d b = mesh.vertices.col(mesh.triangles(1, t));
+    const Eigen::Vector3d c = mesh.vertices.col(mesh.triangles(2, t));
+    const Eigen::RowVector3d normal = (b - a).cross(c - a).normalized().transpose();
+    if ((normal * mesh.vertices).maxCoeff() > normal.dot(a) + 1e-6 * radius) return false;
+  }
   struct EdgeUse {
     int forward = 0, backward = 0;
     std::array<int, 2> opposite{-1, -1};
@@ -99,7 +108,6 @@ bool is_closed_and_convex(const Mesh& mesh, double radius) {
       if (a < b) use.triangle = static_cast<int>(t);
     }
   }
-  const double slack = 1e-9 * radius;
   for (const auto& [ends, use] : edges) {
     if (use.forward != 1 || use.backward != 1) return false;
     const Eigen::Vector3d a = mesh.vertices.col(mesh.triangles(0, use.triangle));

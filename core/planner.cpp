@@ -1,9 +1,12 @@
 #include "core/planner.h"
 
+#include <Eigen/Cholesky>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
 #include "core/check.h"
+#include "core/fit.h"
 #include "core/planner_chooser.h"
 #include "core/planner_rows.h"
 
@@ -19,12 +22,65 @@ std::vector<std::int32_t> marked(const std::vector<std::uint8_t>& seen) {
   return cells;
 }
 
-/// 100·√trace/‖E ln f‖: METHOD's percentage error that a posterior of this trace leads one to
-/// expect. Both are sums over the same rows, so channels as columns cancel.
-double percent_of_trace(const BrdfBasis& basis, double trace) {
-  const double norm = basis.mean.norm();
-  return norm > 0 ? 100 * std::sqrt(trace) / norm : 0;
+/// fit.h's predicted_error_percent at the mean material, for a posterior of MAP. V is orthonormal:
+/// for a plain logarithm the trace of the coefficients is all it takes.
+double percent_of(const BrdfBasis& basis, const Eigen::LLT<Eigen::MatrixXd>& information) {
+  const Eigen::MatrixXd S = basis.stddev.asDiagonal();
+  const Eigen::MatrixXd root = information.matrixL().solve(S);
+  if (basis.mapping.kind == Mapping::ln_floor) {
+    const Eigen::Index rows =
+        std::count(basis.valid.begin(), basis.valid.end(), 1) * (basis.rows() / basis.grid.cells());
+    const double error2 =
+        root.squaredNorm() + static_cast<double>(rows) * basis.model_sigma * basis.model_sigma;
+    const double ln2 = basis.mean.squaredNorm();
+    return error2 > 0 ? 100 * std::sqrt(error2 / (ln2 + error2)) : 0;
+  }
+  const Eigen::Index columns = basis.layout == ChannelLayout::stacked ? 1 : basis.channels;
+  const std::vector<Eigen::MatrixXd> covariance(static_cast<std::size_t>(columns),
+                                                root.transpose() * root);
+  return predicted_error_percent(basis, covariance,
+                                 Eigen::MatrixXd::Zero(basis.components(), columns));
 }
+
+/// What the lights so far say together, carried from light to light: the QR factor of their rows
+/// and MAP's information I + WᵀW, W = G diag(s)/σ.
+class Progress {
+ public:
+  Progress(const BrdfBasis& basis, const SelectionOptions& options)
+      : basis_(basis),
+        options_(options),
+        R_(0, basis.components()),
+        information_(Eigen::MatrixXd::Identity(basis.components(), basis.components())) {}
+
+  void add(std::span<const std::int32_t> cells) {
+    const Eigen::MatrixXd G = CellRows(basis_).gather(cells);
+    if (G.rows() == 0) return;
+    rows_ += G.rows();
+    Eigen::MatrixXd stacked(R_.rows() + G.rows(), G.cols());
+    stacked << R_, G;
+    if (stacked.rows() > G.cols()) {
+      const Eigen::HouseholderQR<Eigen::MatrixXd> qr(stacked);
+      R_ = qr.matrixQR().topRows(G.cols()).triangularView<Eigen::Upper>();
+    } else {
+      R_ = stacked;
+    }
+    const Eigen::MatrixXd Wt = (G * (basis_.stddev / options_.sigma).asDiagonal()).transpose();
+    information_.selfadjointView<Eigen::Lower>().rankUpdate(Wt);
+  }
+
+  Conditioning conditioning() const {
+    return conditioning_of(singular_values(R_), rows_, basis_.components());
+  }
+  double predicted_error_percent() const {
+    return percent_of(basis_, Eigen::LLT<Eigen::MatrixXd>(information_));
+  }
+
+ private:
+  const BrdfBasis& basis_;
+  const SelectionOptions& options_;
+  Eigen::MatrixXd R_, information_;
+  Eigen::Index rows_ = 0;
+};
 
 /// Whether a standing is worth its light after the one before, under the rule.
 bool worth_taking(const SelectionOptions& options, const Standing& before, const Standing& next) {
@@ -34,18 +90,21 @@ bool worth_taking(const SelectionOptions& options, const Standing& before, const
   return next.score <= (1 - options.plateau) * before.score;
 }
 
-SelectedLight reported(const BrdfBasis& basis, const LightChooser& chooser,
-                       const Standing& standing, int new_cells, const SelectionOptions& options) {
-  const Eigen::MatrixXd G = CellRows(basis).gather(marked(chooser.seen()));
-  const Conditioning found = conditioning_of(singular_values(G), G.rows(), G.cols());
+SelectedLight reported(const BrdfBasis& basis, const Progress& progress, const Standing& standing,
+                       int new_cells, const SelectionOptions& options) {
   SelectedLight light;
   light.candidate = standing.candidate;
-  light.condition = found.condition;
-  light.rank = found.rank;
   light.score = standing.score;
   light.new_cells = new_cells;
-  light.predicted_error_percent =
-      percent_of_trace(basis, posterior_trace(basis.stddev, G, options.sigma));
+  light.predicted_error_percent = progress.predicted_error_percent();
+  if (options.criterion == Criterion::condition) {
+    light.rank = standing.rank;
+    if (light.rank == basis.components()) light.condition = standing.score;
+  } else {
+    const Conditioning found = progress.conditioning();
+    light.rank = found.rank;
+    light.condition = found.condition;
+  }
   return light;
 }
 
@@ -68,7 +127,7 @@ std::unique_ptr<LightChooser> make_chooser(const BrdfBasis& basis, const Candida
   if (options.criterion == Criterion::condition) {
     return make_condition_chooser(basis, bins, options);
   }
-  return make_plain_chooser(basis, bins, options);
+  return make_a_optimal_chooser(basis, bins, options);
 }
 
 }  // namespace
@@ -83,13 +142,15 @@ Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
     if (options.excluded[i] != 0) open[i] = 0;
   }
   const std::unique_ptr<LightChooser> chooser = make_chooser(basis, bins, options);
+  Progress progress(basis, options);
+  Selection selection;
+  selection.mean_only_error_percent = progress.predicted_error_percent();
   for (const int taken : options.already) {
     CHECK(taken >= 0 && taken < bins.candidates());
+    progress.add(unseen(bins.of(taken), chooser->seen()));
     chooser->take(taken);
     open[static_cast<std::size_t>(taken)] = 0;
   }
-  Selection selection;
-  selection.mean_only_error_percent = percent_of_trace(basis, basis.stddev.squaredNorm());
   Standing before = standing_of_already(basis, *chooser, options);
   while (static_cast<int>(selection.lights.size()) < options.max_lights) {
     const Standing next = chooser->best(open);
@@ -98,11 +159,12 @@ Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
       selection.plateau_reached = true;
       break;
     }
-    const auto new_cells =
-        static_cast<int>(unseen(bins.of(next.candidate), chooser->seen()).size());
+    const std::vector<std::int32_t> fresh = unseen(bins.of(next.candidate), chooser->seen());
+    progress.add(fresh);
     chooser->take(next.candidate);
     open[static_cast<std::size_t>(next.candidate)] = 0;
-    selection.lights.push_back(reported(basis, *chooser, next, new_cells, options));
+    selection.lights.push_back(
+        reported(basis, progress, next, static_cast<int>(fresh.size()), options));
     before = next;
   }
   selection.statistics = chooser->statistics();

@@ -41,8 +41,8 @@ struct SelectedLight {
   int rank = 0;
   double score = 0;  ///< the criterion's own value after this light
   int new_cells = 0;
-  double predicted_error_percent =
-      0;  ///< METHOD.md's percentage error expected of MAP with all lights so far
+  double predicted_error_percent = 0;  ///< percentage error expected of MAP with all lights so far:
+                                       ///< fit.h's predicted_error_percent at the mean material
 };
 
 /// What the selection left out, and did.
@@ -60,9 +60,12 @@ struct Selection {
   double mean_only_error_percent = 0;  ///< predicted error with no light at all
 };
 
-/// Greedy choice of lights. Ordering: larger rank, then smaller score, then smaller index; scores
-/// within 1e-9 relative are ties. Exact: the same lights with and without brute_force. A candidate
-/// that adds no cell is never chosen.
+/// Greedy choice of lights. Ordering: larger rank (condition only: MAP is always of full rank),
+/// then smaller score, then smaller index; scores within 1e-9 relative of the smallest are ties,
+/// or, from κ² ≈ 1e11 on, within what rounding leaves of it (16 ε κ). Exact: the same lights with
+/// and without brute_force. A candidate that adds no cell is never chosen. Scores: κ², or
+/// σ₁²/σ_rank² while the rank is short of the components; the trace of the posterior covariance of
+/// one set of coefficients, which is the trace over the BRDF since V is orthonormal.
 Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
                         const SelectionOptions& options);
 

@@ -39,5 +39,8 @@ std::unique_ptr<LightChooser> make_plain_chooser(const BrdfBasis& basis, const C
 std::unique_ptr<LightChooser> make_condition_chooser(const BrdfBasis& basis,
                                                      const CandidateBins& bins,
                                                      const SelectionOptions& options);
+std::unique_ptr<LightChooser> make_a_optimal_chooser(const BrdfBasis& basis,
+                                                     const CandidateBins& bins,
+                                                     const SelectionOptions& options);
 
 }  // namespace lightrig

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -36,6 +37,14 @@ Eigen::VectorXd singular_values(const Eigen::MatrixXd& G) {
   if (G.rows() > G.cols()) {
     const Eigen::HouseholderQR<Eigen::MatrixXd> qr(G);
     R = qr.matrixQR().topRows(G.cols()).triangularView<Eigen::Upper>();
+  }
+  // Beyond a hundred columns the divide-and-conquer solver is quicker. It is known to fail on some
+  // inputs; then, and below, rotations decide.
+  if (std::min(R.rows(), R.cols()) > 96) {
+    const Eigen::BDCSVD<Eigen::MatrixXd> svd(R);
+    if (svd.info() == Eigen::Success && svd.singularValues().allFinite()) {
+      return svd.singularValues();
+    }
   }
   // A pivoted QR first, then rotations of its transposed factor: that converges in few sweeps and
   // keeps small singular values to high relative accuracy [Drmač and Veselić 2008].

@@ -49,6 +49,24 @@ LightPosition camera_as_light(const CameraModel& camera) {
   return light;
 }
 
+Gathered facing_the_camera(const Mesh& mesh, const CameraModel& camera) {
+  Gathered facing;
+  for (Eigen::Index i = 0; i < mesh.vertices.cols(); ++i) {
+    const Eigen::Vector3d p = mesh.vertices.col(i);
+    const Eigen::Vector3d view = view_direction(camera, p);
+    const Eigen::Vector3d normal = mesh.normals.col(i);
+    if (!(normal.dot(view) > 0)) continue;
+    const Eigen::Vector2d pixel = project(camera, p);
+    // Pixel (i, j) covers ±½ about its centre; a point behind the camera projects to NaN.
+    if (!(pixel.x() >= -0.5 && pixel.x() < camera.width - 0.5 && pixel.y() >= -0.5 &&
+          pixel.y() < camera.height - 0.5)) {
+      continue;
+    }
+    facing.add(p, normal, view, static_cast<int>(i));
+  }
+  return facing;
+}
+
 }  // namespace
 
 SurfacePoints points_of_pixels(const Mesh& mesh, const Occluder& occluder,
@@ -79,22 +97,13 @@ SurfacePoints points_of_pixels(const Mesh& mesh, const Occluder& occluder,
   return packed(std::move(gathered), true);
 }
 
+SurfacePoints facing_vertices(const Mesh& mesh, const CameraModel& camera) {
+  return packed(facing_the_camera(mesh, camera), false);
+}
+
 SurfacePoints points_of_vertices(const Mesh& mesh, const Occluder& occluder,
                                  const CameraModel& camera) {
-  Gathered facing;
-  for (Eigen::Index i = 0; i < mesh.vertices.cols(); ++i) {
-    const Eigen::Vector3d p = mesh.vertices.col(i);
-    const Eigen::Vector3d view = view_direction(camera, p);
-    const Eigen::Vector3d normal = mesh.normals.col(i);
-    if (!(normal.dot(view) > 0)) continue;
-    const Eigen::Vector2d pixel = project(camera, p);
-    // Pixel (i, j) covers ±½ about its centre; a point behind the camera projects to NaN.
-    if (!(pixel.x() >= -0.5 && pixel.x() < camera.width - 0.5 && pixel.y() >= -0.5 &&
-          pixel.y() < camera.height - 0.5)) {
-      continue;
-    }
-    facing.add(p, normal, view, static_cast<int>(i));
-  }
+  Gathered facing = facing_the_camera(mesh, camera);
   if (occluder.convex()) return packed(std::move(facing), false);
   std::vector<std::uint8_t> hidden(facing.source.size());
   occluder.blocked(facing.position, facing.normal, camera_as_light(camera), hidden);

@@ -30,4 +30,8 @@ SurfacePoints points_of_pixels(const Mesh& mesh, const Occluder& occluder,
 SurfacePoints points_of_vertices(const Mesh& mesh, const Occluder& occluder,
                                  const CameraModel& camera);
 
+/// The mesh vertices that face the camera and project into the image, hidden ones included: what
+/// points_of_vertices() begins with, and all it does on a convex object.
+SurfacePoints facing_vertices(const Mesh& mesh, const CameraModel& camera);
+
 }  // namespace lightrig

@@ -90,6 +90,17 @@ TEST(BinCandidates, TheRaysNeededGiveTheSameBinsAsAllRays) {
   EXPECT_EQ(all.bins.offset, needed.bins.offset);
   EXPECT_NE(all.bins.cell, bins(ShadowRays::none, 1).bins.cell);
   EXPECT_LT(needed.statistics.rays_cast, all.statistics.rays_cast / 5);
+  EXPECT_LE(needed.statistics.rays_cast, 2 * static_cast<std::int64_t>(needed.bins.cell.size()));
+}
+
+TEST(BinCandidates, OfANearLampTheRaysNeededAreThoseCastAndThoseLeftOut) {
+  const View view(two_spheres(), false, true);
+  const auto lights = test::spread_lights(60, false, 3);
+  const auto bins = [&](ShadowRays rays) {
+    return bin_candidates(view.points, lights, {}, {}, {}, view.occluder, rays, 1);
+  };
+  const BinningResult all = bins(ShadowRays::all), needed = bins(ShadowRays::needed);
+  EXPECT_EQ(all.bins.cell, needed.bins.cell);
   EXPECT_EQ(needed.statistics.rays_cast + needed.statistics.rays_left_out,
             all.statistics.rays_cast);
 }

@@ -1,0 +1,235 @@
+// The fast choosers against the plain reference: the same lights, and scores within 1e-9.
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <chrono>
+#include <cmath>
+
+#include "core/fit.h"
+#include "core/planner.h"
+#include "core/planner_kernels.h"
+#include "core/surface_points.h"
+#include "planner_scene.h"
+
+namespace lightrig {
+namespace {
+
+::testing::AssertionResult same(const Selection& fast, const Selection& plain) {
+  if (fast.lights.size() != plain.lights.size()) {
+    return ::testing::AssertionFailure()
+           << fast.lights.size() << " lights against " << plain.lights.size();
+  }
+  for (std::size_t i = 0; i < fast.lights.size(); ++i) {
+    const SelectedLight &f = fast.lights[i], &p = plain.lights[i];
+    if (f.candidate != p.candidate || f.rank != p.rank || f.new_cells != p.new_cells) {
+      return ::testing::AssertionFailure()
+             << "light " << i << ": candidate " << f.candidate << " rank " << f.rank << " score "
+             << f.score << " against " << p.candidate << " rank " << p.rank << " score " << p.score;
+    }
+    const double tolerance = std::max(1e-9, 1e-15 * std::sqrt(p.score));
+    if (!(std::abs(f.score / p.score - 1) <= tolerance)) {
+      return ::testing::AssertionFailure()
+             << "light " << i << ": score " << f.score << " against " << p.score;
+    }
+    if (f.score < 0 || std::isnan(f.condition) || f.condition < 1) {
+      return ::testing::AssertionFailure() << "light " << i << ": condition " << f.condition;
+    }
+  }
+  if (fast.plateau_reached != plain.plateau_reached)
+    return ::testing::AssertionFailure() << "plateau";
+  return ::testing::AssertionSuccess();
+}
+
+struct SmallProblem {
+  BrdfBasis basis;
+  CandidateBins bins;
+  SelectionOptions options;
+};
+
+SmallProblem small_problem(std::uint64_t seed) {
+  SmallProblem problem;
+  const BivariateGrid grid{8 + static_cast<int>(seed % 7), 3 + static_cast<int>(seed % 5)};
+  const bool stacked = seed % 3 == 0;
+  const Eigen::Index k = 2 + static_cast<Eigen::Index>(seed % 13);
+  const double fall = std::array{0.9, 0.6, 0.3}[seed / 5 % 3];
+  problem.basis =
+      test::random_basis(seed, grid, stacked ? ChannelLayout::stacked : ChannelLayout::columns,
+                         stacked ? 3 : 1, k, fall);
+  problem.bins = test::random_bins(seed + 1, grid, 5 + static_cast<int>(seed % 40), seed % 2 == 0);
+  problem.options.criterion = seed / 2 % 2 == 0 ? Criterion::condition : Criterion::a_optimal;
+  problem.options.stop =
+      std::array{StopRule::count, StopRule::literal, StopRule::plateau}[seed % 3];
+  problem.options.max_lights = 6;
+  if (seed % 4 == 1) problem.options.already = {0, 3};
+  if (seed % 6 == 1) {
+    problem.options.excluded.assign(static_cast<std::size_t>(problem.bins.candidates()), 0);
+    problem.options.excluded[1] = problem.options.excluded[4] = 1;
+  }
+  return problem;
+}
+
+TEST(SelectLights, EqualsBruteForceOnAThousandSeededSmallProblems) {
+  std::int64_t exact_fast = 0, exact_plain = 0;
+  for (std::uint64_t seed = 0; seed < 1000; ++seed) {
+    SmallProblem problem = small_problem(seed);
+    const Selection fast = select_lights(problem.basis, problem.bins, problem.options);
+    problem.options.brute_force = true;
+    const Selection plain = select_lights(problem.basis, problem.bins, problem.options);
+    ASSERT_TRUE(same(fast, plain)) << "seed " << seed;
+    exact_fast += fast.statistics.exact_evaluations;
+    exact_plain += plain.statistics.exact_evaluations;
+  }
+  EXPECT_LT(exact_fast, exact_plain / 2);
+}
+
+/// A scene of the data folder, or the sphere.
+CandidateBins bins_of_scene(const std::string& mesh_name, const std::string& folder,
+                            const BrdfBasis& basis, bool distant, bool pixels, int candidates) {
+  const Mesh mesh =
+      mesh_name == "sphere" ? test::sphere_mesh(5) : test::data_mesh(folder, mesh_name);
+  const Occluder occluder(mesh);
+  const CameraModel camera = test::facing_camera(distant, 4, 120, 120);
+  const SurfacePoints points = pixels ? points_of_pixels(mesh, occluder, camera, 1)
+                                      : points_of_vertices(mesh, occluder, camera);
+  return bin_candidates(points, test::spread_lights(candidates, distant, 3), basis.grid,
+                        basis.valid, no_grazing_limits, occluder, ShadowRays::needed, 2)
+      .bins;
+}
+
+struct Case {
+  const char* mesh;
+  ChannelLayout layout;
+  Eigen::Index k;
+  bool distant, pixels;
+  Criterion criterion;
+  int candidates, lights;
+};
+
+TEST(SelectLights, EqualsBruteForceOnTheMeshesAndMaterialsOfTheDataFolder) {
+  const auto folder = test::data_folder();
+  if (!folder) GTEST_SKIP() << "no data folder (LIGHTRIG_DATA, ../shared/data)";
+  constexpr auto stacked = ChannelLayout::stacked, columns = ChannelLayout::columns;
+  constexpr auto kappa = Criterion::condition, trace = Criterion::a_optimal;
+  const BrdfBasis full_stacked = test::data_basis(*folder, stacked, 79);
+  const BrdfBasis full_columns = test::data_basis(*folder, columns, 100);
+  for (const Case& c : {Case{"sphere", stacked, 45, true, true, kappa, 60, 5},
+                        Case{"sphere", columns, 20, false, true, kappa, 40, 3},
+                        Case{"bunny", stacked, 45, true, false, kappa, 80, 5},
+                        Case{"bunny", columns, 45, false, true, kappa, 40, 3},
+                        Case{"bunny", columns, 100, true, true, trace, 60, 4},
+                        Case{"happy_buddha", stacked, 20, true, false, kappa, 80, 5},
+                        Case{"happy_buddha", stacked, 45, false, false, trace, 40, 3},
+                        Case{"dragon", stacked, 79, true, true, kappa, 40, 4},
+                        Case{"dragon", columns, 20, true, false, kappa, 60, 5},
+                        Case{"teapot", stacked, 45, true, false, kappa, 80, 5},
+                        Case{"teapot", columns, 79, false, false, kappa, 40, 4},
+                        Case{"head_igea", columns, 45, true, true, kappa, 60, 5},
+                        Case{"head_igea", columns, 100, false, false, trace, 30, 3}}) {
+    const BrdfBasis basis = truncated(c.layout == stacked ? full_stacked : full_columns, c.k);
+    const CandidateBins bins =
+        bins_of_scene(c.mesh, *folder, basis, c.distant, c.pixels, c.candidates);
+    SelectionOptions options;
+    options.criterion = c.criterion;
+    options.stop = StopRule::count;
+    options.max_lights = c.lights;
+    options.threads = 2;
+    const Selection fast = select_lights(basis, bins, options);
+    options.brute_force = true;
+    const Selection plain = select_lights(basis, bins, options);
+    EXPECT_TRUE(same(fast, plain)) << c.mesh << " K " << c.k << " distant " << c.distant;
+    EXPECT_EQ(fast.lights.size(), static_cast<std::size_t>(c.lights));
+  }
+}
+
+TEST(SelectLights, ReplanningWithOneLightLostKeepsTheOthers) {
+  const BivariateGrid grid{20, 8};
+  const BrdfBasis basis = test::random_basis(3, grid, ChannelLayout::columns, 1, 10, 0.8);
+  const CandidateBins bins = test::random_bins(4, grid, 80, true);
+  SelectionOptions options;
+  options.stop = StopRule::count;
+  options.max_lights = 5;
+  const Selection whole = select_lights(basis, bins, options);
+  ASSERT_EQ(whole.lights.size(), 5U);
+  options.excluded.assign(80, 0);
+  options.excluded[static_cast<std::size_t>(whole.lights[2].candidate)] = 1;
+  for (const int kept : {0, 1, 3, 4}) {
+    options.already.push_back(whole.lights[static_cast<std::size_t>(kept)].candidate);
+  }
+  options.max_lights = 1;
+  const Selection again = select_lights(basis, bins, options);
+  ASSERT_EQ(again.lights.size(), 1U);
+  EXPECT_NE(again.lights[0].candidate, whole.lights[2].candidate);
+  std::vector<int> all = options.already;
+  all.push_back(again.lights[0].candidate);
+  EXPECT_NEAR(conditioning(basis, bins, all).pseudo_condition / again.lights[0].score, 1, 1e-9);
+}
+
+TEST(SelectLights, PredictsTheErrorThatTheFitWouldPredict) {
+  for (const ChannelLayout layout : {ChannelLayout::columns, ChannelLayout::stacked}) {
+    const BivariateGrid grid{15, 6};
+    BrdfBasis basis = test::random_basis(9, grid, layout, 3, 8, 0.7);
+    basis.model_sigma = 0.2;
+    basis.y_min = Eigen::VectorXd::Constant(basis.rows(), -100);
+    basis.y_max = Eigen::VectorXd::Constant(basis.rows(), 100);
+    basis.mapping.floor = 1e-30;
+    const CandidateBins bins = test::random_bins(10, grid, 30, false);
+    SelectionOptions options;
+    options.max_lights = 1;
+    options.stop = StopRule::count;
+    options.sigma = 0.3;
+    const Selection selection = select_lights(basis, bins, options);
+    ASSERT_EQ(selection.lights.size(), 1U);
+    // The posterior by its textbook formula: (diag(1/s²) + GᵀG/σ²)⁻¹.
+    const auto cells = bins.of(selection.lights[0].candidate);
+    Eigen::MatrixXd information = basis.stddev.cwiseAbs2().cwiseInverse().asDiagonal();
+    for (const std::int32_t cell : cells) {
+      for (int c = 0; c < (layout == ChannelLayout::stacked ? 3 : 1); ++c) {
+        const Eigen::RowVectorXd g = basis.V.row(basis.row(cell, c));
+        information += g.transpose() * g / (0.3 * 0.3);
+      }
+    }
+    const Eigen::Index columns = layout == ChannelLayout::stacked ? 1 : 3;
+    const std::vector<Eigen::MatrixXd> covariance(static_cast<std::size_t>(columns),
+                                                  information.inverse());
+    const double expected =
+        predicted_error_percent(basis, covariance, Eigen::MatrixXd::Zero(8, columns));
+    EXPECT_NEAR(selection.lights[0].predicted_error_percent, expected, 1e-9 * expected);
+  }
+}
+
+TEST(PlannerKernels, GiveTheSameBitsOnEveryProcessorLevel) {
+  const BivariateGrid grid{30, 10};
+  const BrdfBasis basis = test::random_basis(5, grid, ChannelLayout::columns, 1, 21, 0.9);
+  PackedRows rows;
+  rows.k = 21;
+  rows.stride = 24;
+  rows.data.assign(300 * 24, 0.0);
+  for (int r = 0; r < 300; ++r) {
+    for (int j = 0; j < 21; ++j) rows.data[static_cast<std::size_t>(r * 24 + j)] = basis.V(r, j);
+  }
+  std::vector<std::int32_t> cells;
+  for (int c = 0; c < 300; c += 7) cells.push_back(c);
+  std::vector<std::vector<double>> gram, energy;
+  const std::vector<double> x(rows.data.begin() + 48, rows.data.begin() + 72);
+  for (int level = 2; level <= vector_level(); ++level) {
+    gram.emplace_back(21 * 24, 0.0);
+    add_gram(rows, cells, gram.back(), level);
+    energy.emplace_back(cells.size());
+    cell_energies(rows, cells, x, energy.back(), level);
+  }
+  for (std::size_t i = 1; i < gram.size(); ++i) {
+    EXPECT_EQ(gram[i], gram[0]);
+    EXPECT_EQ(energy[i], energy[0]);
+  }
+  Eigen::MatrixXd G = Eigen::MatrixXd::Zero(21, 21);
+  for (const std::int32_t c : cells) G += basis.V.row(c).transpose() * basis.V.row(c);
+  for (int i = 0; i < 21; ++i) {
+    for (int j = i; j < 21; ++j) {
+      ASSERT_NEAR(gram[0][static_cast<std::size_t>(i * 24 + j)], G(i, j), 1e-14);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace lightrig
