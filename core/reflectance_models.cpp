@@ -122,7 +122,8 @@ std::optional<Configuration> configuration(const HalfDiff& angles) {
 ConfigurationGrid configuration_grid(const BivariateGrid& grid, int n_phi) {
   CHECK(n_phi >= 1);
   ConfigurationGrid result{grid, (n_phi + 1) / 2, {}};
-  result.at.reserve(static_cast<std::size_t>(grid.cells() * result.per_cell));
+  result.at.reserve(static_cast<std::size_t>(grid.cells()) *
+                    static_cast<std::size_t>(result.per_cell));
   for (int i_h = 0; i_h < grid.n_h; ++i_h) {
     const double root = (i_h + 0.5) / grid.n_h, theta_h = root * root * pi / 2;
     const double sin_h = std::sin(theta_h), cos_h = std::cos(theta_h);

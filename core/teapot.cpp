@@ -86,9 +86,10 @@ Mesh tessellate_teapot(int segments) {
   Vertices vertices;
   std::vector<Eigen::Vector3i> triangles;
   const int n = segments;
-  std::vector<int> index(static_cast<std::size_t>((n + 1) * (n + 1)));
+  const auto across = static_cast<std::size_t>(n) + 1;
+  std::vector<int> index(across * across);
   const auto at = [&](int i, int j) -> int& {
-    return index[static_cast<std::size_t>(i * (n + 1) + j)];
+    return index[static_cast<std::size_t>(i) * across + static_cast<std::size_t>(j)];
   };
   for (const BicubicPatch& patch : teapot_patches()) {
     for (int i = 0; i <= n; ++i)
