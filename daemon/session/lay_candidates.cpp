@@ -7,6 +7,8 @@
 #include <limits>
 #include <numbers>
 
+#include "core/keep_out.h"
+
 namespace lightrig {
 namespace {
 
@@ -27,11 +29,19 @@ std::vector<Eigen::Vector3d> offers(const Rig& rig) {
   return points;
 }
 
-bool holds(const KeepOutSphere& sphere, const Eigen::Vector3d& p) {
-  return (p - sphere.centre).norm() <= sphere.radius;
+Solid solid_of(const KeepOutSphere& sphere) { return Ball{sphere.centre, sphere.radius}; }
+Solid solid_of(const KeepOutBox& box) { return Box{box.min, box.max}; }
+
+std::vector<Solid> solids_of(const std::vector<KeepOut>& volumes) {
+  std::vector<Solid> solids;
+  for (const KeepOut& volume : volumes) {
+    solids.push_back(std::visit([](const auto& shape) { return solid_of(shape); }, volume));
+  }
+  return solids;
 }
-bool holds(const KeepOutBox& box, const Eigen::Vector3d& p) {
-  return (p.array() >= box.min.array()).all() && (p.array() <= box.max.array()).all();
+
+std::string name_of_volume(const KeepOut& volume) {
+  return std::visit([](const auto& shape) { return shape.name; }, volume);
 }
 
 bool in_the_picture(const CameraModel& camera, const LightPosition& light) {
@@ -40,12 +50,6 @@ bool in_the_picture(const CameraModel& camera, const LightPosition& light) {
   return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() <= camera.width - 0.5 &&
          pixel.y() <= camera.height - 0.5;
 }
-
-/// Reach of the arm [m], to turn a rotation into a length.
-double arm_length(const DomeKinematics& dome) { return dome.radius; }
-
-/// Least step along the lamp's path at which obstacles are looked for [m].
-constexpr double way_step = 0.005;
 
 }  // namespace
 
@@ -64,10 +68,10 @@ std::vector<Eigen::Vector3d> fibonacci_sphere(int count) {
 
 std::string keep_out_at(const Rig& rig, const LightPosition& light) {
   if (light.distant) return {};
-  for (const KeepOut& keep_out : rig.keep_out) {
-    if (std::visit([&](const auto& shape) { return holds(shape, light.p); }, keep_out)) {
-      return std::visit([](const auto& shape) { return shape.name; }, keep_out);
-    }
+  const Capsule lamp{light.p, light.p, 0};
+  for (const KeepOut& volume : rig.keep_out) {
+    const Solid solid = std::visit([](const auto& shape) { return solid_of(shape); }, volume);
+    if (clearance(lamp, solid) <= 0) return name_of_volume(volume);
   }
   return {};
 }
@@ -95,25 +99,8 @@ std::string obstacle_on_the_way(const Rig& rig, const GantryPosition& from,
                                 const GantryPosition& to) {
   const GantryModel& gantry = rig.gantry.model;
   if (!within_limits(gantry, to)) return "the end of travel";
-  if (rig.keep_out.empty()) return {};
-  double length = 0;  // an upper bound on the lamp's path [m]
-  const double arm = std::visit([](const auto& k) { return arm_length(k); }, gantry.kinematics);
-  for (Eigen::Index i = 0; i < to.axes.size(); ++i) {
-    const bool rotary = gantry.axes[static_cast<std::size_t>(i)].rotary;
-    length += std::abs(to.axes[i] - from.axes[i]) * (rotary ? arm : 1.0);
-  }
-  // move_position() follows the speed profile: even steps in time are never longer than twice the
-  // mean step.
-  const double duration = move_time(gantry, from, to);
-  const int steps = 2 * static_cast<int>(std::ceil(length / way_step)) + 1;
-  for (int i = 0; i <= steps; ++i) {
-    const GantryPosition at = move_position(gantry, from, to, duration * i / steps);
-    // The lamp's own place, even where the light counts as distant.
-    GantryModel near = gantry;
-    near.distant_lamp = false;
-    if (std::string name = keep_out_at(rig, light_at(near, at)); !name.empty()) return name;
-  }
-  return {};
+  const auto contact = first_contact(gantry, GantryBody{}, from, to, solids_of(rig.keep_out), 0);
+  return contact ? name_of_volume(rig.keep_out[contact->volume]) : std::string();
 }
 
 Result<std::vector<GantryPosition>> clear_way(const Rig& rig,

@@ -30,8 +30,7 @@ std::vector<Eigen::Vector3d> fibonacci_sphere(int count);
 std::string keep_out_at(const Rig& rig, const LightPosition& light);
 
 /// The first keep-out volume that the lamp passes through on the way, "" when the way is clear, or
-/// the axis that leaves its travel. The way is looked at every 5 mm
-/// of the lamp's path, or closer.
+/// the axis that leaves its travel. Nothing is missed between the poses looked at (first_contact).
 std::string obstacle_on_the_way(const Rig& rig, const GantryPosition& from,
                                 const GantryPosition& to);
 
