@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string_view>
@@ -8,17 +9,20 @@ namespace lightrig {
 
 /// What the service is doing. Nothing moves in `unarmed`.
 enum class State : std::uint8_t {
-  unarmed,
-  armed,
-  homing,
-  planning,
-  capturing,
-  paused,
-  reducing,
-  done,
-  aborted,
-  faulted
+  unarmed,    ///< no device is open; nothing can move
+  armed,      ///< devices open, waiting; a person has said that the rig may move
+  homing,     ///< the gantry looks for its reference
+  planning,   ///< choosing lights; nothing moves yet
+  capturing,  ///< a session is moving and exposing
+  paused,     ///< a session waits: for a person, a condition, or disk space
+  reducing,   ///< frames become a BRDF; nothing moves
+  done,       ///< a session has ended with a result; still armed
+  aborted,    ///< a person aborted; arm again to go on
+  faulted,    ///< something failed; clear the fault first
 };
+inline constexpr std::array all_states{
+    State::unarmed, State::armed,    State::homing, State::planning, State::capturing,
+    State::paused,  State::reducing, State::done,   State::aborted,  State::faulted};
 
 /// What may happen to it.
 enum class Event : std::uint8_t {
@@ -34,12 +38,19 @@ enum class Event : std::uint8_t {
   reduced,
   abort,
   fault,
-  clear
+  clear,  ///< what stands in the way is put aside: a refused plan, a result, an abort, a fault
 };
+inline constexpr std::array all_events{Event::arm,      Event::disarm,  Event::home,  Event::homed,
+                                       Event::start,    Event::planned, Event::pause, Event::resume,
+                                       Event::captured, Event::reduced, Event::abort, Event::fault,
+                                       Event::clear};
 
 /// The state after an event; empty where the event is not legal in that state. The whole machine,
 /// in one function.
 std::optional<State> next(State state, Event event);
+
+/// True in the states in which a person has said that the rig may move.
+bool is_armed(State state);
 
 std::string_view name_of(State state);
 std::string_view name_of(Event event);

@@ -1,0 +1,164 @@
+#include "daemon/service/log.h"
+
+#include <fmt/format.h>
+#include <spdlog/logger.h>
+#include <spdlog/sinks/null_sink.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <sys/stat.h>
+#include <sys/uio.h>
+#include <systemd/sd-journal.h>
+#include <unistd.h>
+
+#include <cctype>
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
+namespace lightrig {
+namespace {
+
+spdlog::level::level_enum to_spdlog(LogLevel level) {
+  switch (level) {
+    case LogLevel::debug:
+      return spdlog::level::debug;
+    case LogLevel::info:
+      return spdlog::level::info;
+    case LogLevel::warning:
+      return spdlog::level::warn;
+    case LogLevel::error:
+      return spdlog::level::err;
+  }
+  return spdlog::level::info;
+}
+
+// syslog's numbers, as journald's PRIORITY field takes them [RFC 5424, table 2].
+int to_priority(LogLevel level) {
+  switch (level) {
+    case LogLevel::debug:
+      return 7;
+    case LogLevel::info:
+      return 6;
+    case LogLevel::warning:
+      return 4;
+    case LogLevel::error:
+      return 3;
+  }
+  return 6;
+}
+
+bool is_plain(std::string_view value) {
+  constexpr std::string_view allowed = "._-:/+,%@";
+  for (char c : value)
+    if (std::isalnum(static_cast<unsigned char>(c)) == 0 && allowed.find(c) == allowed.npos)
+      return false;
+  return !value.empty();
+}
+
+std::string quoted(std::string_view value) {
+  if (is_plain(value)) return std::string(value);
+  std::string text = "\"";
+  for (char c : value) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (c == '"' || c == '\\')
+      (text += '\\') += c;
+    else if (c == '\n')
+      text += "\\n";
+    else if (byte < 0x20 || byte == 0x7f)
+      text += fmt::format("\\x{:02x}", byte);
+    else
+      text += c;
+  }
+  return text + '"';
+}
+
+std::string journal_key(std::string_view key) {
+  std::string name = "LIGHTRIG_";
+  for (char c : key) {
+    const auto byte = static_cast<unsigned char>(c);
+    name += std::isalnum(byte) != 0 ? static_cast<char>(std::toupper(byte)) : '_';
+  }
+  return name;
+}
+
+void send_to_journald(LogLevel level, std::string_view event, std::initializer_list<Field> fields,
+                      const std::string& line) {
+  std::vector<std::string> texts{"MESSAGE=" + line, fmt::format("PRIORITY={}", to_priority(level)),
+                                 fmt::format("LIGHTRIG_EVENT={}", event)};
+  for (const Field& field : fields) texts.push_back(journal_key(field.key) + "=" + field.value);
+  std::vector<iovec> parts;
+  parts.reserve(texts.size());
+  for (std::string& text : texts) parts.push_back({text.data(), text.size()});
+  // A log that cannot be written must not stop a session: there is nowhere left to say so.
+  (void)sd_journal_sendv(parts.data(), static_cast<int>(parts.size()));
+}
+
+}  // namespace
+
+std::optional<LogLevel> log_level_of(std::string_view name) {
+  for (LogLevel level : {LogLevel::debug, LogLevel::info, LogLevel::warning, LogLevel::error})
+    if (name == name_of(level)) return level;
+  return {};
+}
+
+std::string_view name_of(LogLevel level) {
+  switch (level) {
+    case LogLevel::debug:
+      return "debug";
+    case LogLevel::info:
+      return "info";
+    case LogLevel::warning:
+      return "warning";
+    case LogLevel::error:
+      return "error";
+  }
+  return "unknown";
+}
+
+std::string log_line(std::string_view event, std::initializer_list<Field> fields) {
+  std::string line = fmt::format("event={}", quoted(event));
+  for (const Field& field : fields)
+    if (!field.value.empty()) line += fmt::format(" {}={}", field.key, quoted(field.value));
+  return line;
+}
+
+Log::Sink Log::default_sink() {
+  // systemd names device and inode of the stream it connected; a redirected stderr differs.
+  const char* stream = std::getenv("JOURNAL_STREAM");
+  struct stat facts {};
+  if (stream == nullptr || fstat(STDERR_FILENO, &facts) != 0) return Sink::console;
+  return fmt::format("{}:{}", facts.st_dev, facts.st_ino) == stream ? Sink::journald
+                                                                    : Sink::console;
+}
+
+Log::Log(LogLevel level, Sink sink) : sink_(sink) {
+  spdlog::sink_ptr target;
+  if (sink == Sink::console)
+    target = std::make_shared<spdlog::sinks::stderr_color_sink_mt>();
+  else
+    target = std::make_shared<spdlog::sinks::null_sink_mt>();
+  logger_ = std::make_unique<spdlog::logger>("lightrigd", std::move(target));
+  logger_->set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %^%-7l%$ %v");
+  logger_->flush_on(spdlog::level::info);
+  set_level(level);
+}
+
+Log::~Log() = default;
+
+void Log::write(LogLevel level, std::string_view event, std::initializer_list<Field> fields) const {
+  if (!logger_->should_log(to_spdlog(level))) return;
+  const std::string line = log_line(event, fields);
+  if (sink_ == Sink::journald)
+    send_to_journald(level, event, fields, line);
+  else
+    logger_->log(to_spdlog(level), spdlog::string_view_t(line));
+}
+
+void Log::set_level(LogLevel level) { logger_->set_level(to_spdlog(level)); }
+
+LogLevel Log::level() const {
+  for (LogLevel level : {LogLevel::debug, LogLevel::info, LogLevel::warning})
+    if (logger_->level() == to_spdlog(level)) return level;
+  return LogLevel::error;
+}
+
+}  // namespace lightrig

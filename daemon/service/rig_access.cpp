@@ -1,0 +1,148 @@
+#include "daemon/service/rig_access.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+
+#include "core/gantry_model.h"
+#include "daemon/session/lay_candidates.h"
+#include "sim/open_devices.h"
+#include "sim/sim_clock.h"
+#include "sim/world.h"
+
+namespace lightrig {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::chrono::seconds answer_time{5};  ///< for a question that moves nothing
+
+std::string joined(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
+// What forbids motion now, in words; empty when nothing does.
+std::string obstacle(const GantryStatus& status) {
+  if (!status.alarm.empty())
+    return fmt::format("the gantry reports an alarm ({}); mend its cause, then clear it",
+                       status.alarm);
+  if (!status.open_interlocks.empty())
+    return fmt::format("open: {}; close it first", joined(status.open_interlocks));
+  return {};
+}
+
+}  // namespace
+
+RigAccess::RigAccess(const Rig& rig, bool simulate, double clock_rate)
+    : rig_(rig), simulate_(simulate) {
+  if (simulate)
+    clock_ = sim::make_clock(clock_rate);
+  else
+    clock_ = std::make_unique<RealClock>();
+}
+
+RigAccess::~RigAccess() = default;
+
+Until RigAccess::within(std::chrono::nanoseconds time, const std::stop_token& stop) const {
+  return {clock_->now() + time, stop};
+}
+
+Result<RigFacts> RigAccess::open(const ObjectConfig& object, const std::stop_token& stop) {
+  devices_.reset();
+  if (simulate_) {
+    auto world =
+        sim::make_world(rig_, object, *clock_, rig_.simulation ? rig_.simulation->seed : 1);
+    if (!world) return tl::unexpected(with_context("simulate the rig", world.error()));
+    world_ = std::move(*world);
+  }
+  auto opened = reopen();
+  if (!opened) return tl::unexpected(opened.error());
+  devices_ = std::move(*opened);
+  if (auto dark = devices_->lamp->set(0, within(answer_time, stop)); !dark) {
+    devices_.reset();
+    return tl::unexpected(with_context("make the lamp dark", dark.error()));
+  }
+  auto now = facts(stop);
+  if (!now) devices_.reset();
+  return now;
+}
+
+Result<Devices> RigAccess::reopen() {
+  return simulate_ ? sim::open_devices(rig_, world_) : open_devices(rig_, *clock_);
+}
+
+void RigAccess::set_take(std::uint64_t take) {
+  if (world_) world_->set_take(take);
+}
+
+bool RigAccess::close() {
+  if (!devices_) return true;
+  // A lamp that could not be reopened is beyond us. The stop that ends a session must not keep it
+  // from going dark: a token of its own.
+  const bool dark =
+      devices_->lamp != nullptr && devices_->lamp->set(0, within(answer_time, {})).has_value();
+  devices_.reset();
+  return dark;
+}
+
+Result<RigFacts> RigAccess::facts(const std::stop_token& stop) {
+  if (!devices_ || !devices_->gantry || !devices_->lamp || !devices_->camera)
+    return fail(ErrorCode::disconnected, "a device was lost and could not be opened again");
+  RigFacts facts;
+  auto gantry = devices_->gantry->status(within(answer_time, stop));
+  if (!gantry) return tl::unexpected(with_context("ask the gantry how it is", gantry.error()));
+  facts.gantry = std::move(*gantry);
+  auto lamp = devices_->lamp->state(within(answer_time, stop));
+  if (!lamp) return tl::unexpected(with_context("ask the lamp how it is", lamp.error()));
+  facts.lamp = *lamp;
+  facts.camera = devices_->camera->identity();
+  return facts;
+}
+
+Result<void> RigAccess::home(const std::stop_token& stop) {
+  auto status = devices_->gantry->status(within(answer_time, stop));
+  if (!status) return tl::unexpected(with_context("home the gantry", status.error()));
+  if (const std::string why = obstacle(*status); !why.empty())
+    return fail(ErrorCode::refused, "home the gantry: " + why);
+  auto homed = devices_->gantry->home(within(rig_.gantry.homing_timeout, stop));
+  if (!homed) return tl::unexpected(with_context("home the gantry", homed.error()));
+  return {};
+}
+
+Result<void> RigAccess::clear_fault(const std::stop_token& stop) {
+  return devices_->gantry->clear_fault(within(answer_time, stop));
+}
+
+Result<void> RigAccess::forbidden(const GantryStatus& now, const GantryPosition& target) const {
+  if (!now.homed)
+    return fail(ErrorCode::refused, "it is not homed, so its position is unknown; home it first");
+  if (const std::string why = obstacle(now); !why.empty()) return fail(ErrorCode::refused, why);
+  if (const std::string volume = obstacle_on_the_way(rig_, now.position, target); !volume.empty())
+    return fail(ErrorCode::refused,
+                fmt::format("the way leads through {}; nothing was moved", volume));
+  return {};
+}
+
+Result<void> RigAccess::move_to(const GantryPosition& target, const std::stop_token& stop) {
+  const GantryModel& model = rig_.gantry.model;
+  if (!within_limits(model, target))
+    return fail(ErrorCode::refused,
+                "move the gantry: the target is outside the travel that the "
+                "rig file allows; nothing was moved");
+  auto status = devices_->gantry->status(within(answer_time, stop));
+  if (!status) return tl::unexpected(with_context("move the gantry", status.error()));
+  if (auto way = forbidden(*status, target); !way)
+    return tl::unexpected(with_context("move the gantry", way.error()));
+  const double seconds = move_time(model, status->position, target) * rig_.gantry.move_time_factor;
+  const auto time =
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double>(seconds)) +
+      rig_.gantry.move_time_margin;
+  auto moved = devices_->gantry->move_to(target, within(time, stop));
+  if (!moved) return tl::unexpected(with_context("move the gantry", moved.error()));
+  return {};
+}
+
+}  // namespace lightrig

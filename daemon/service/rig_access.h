@@ -1,0 +1,73 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "config/rig.h"
+#include "core/result.h"
+#include "drivers/devices.h"
+
+namespace lightrig {
+
+namespace sim {
+class World;
+}
+
+/// What the devices said when last asked.
+struct RigFacts {
+  GantryStatus gantry;
+  std::optional<LampState> lamp;
+  std::string camera;  ///< identity
+};
+
+/// The devices of the service's rig, real or in memory, opened and closed as one. For the session
+/// thread alone: nobody else touches a device.
+class RigAccess {
+ public:
+  /// `simulate` opens the rig in memory, with a clock `clock_rate` times faster than real.
+  RigAccess(const Rig& rig, bool simulate, double clock_rate);
+  ~RigAccess();
+
+  /// Opens all devices, makes the lamp dark and asks everyone how they are. A simulated rig gets
+  /// this object in front of its camera; open with another object, it is opened anew. Errors: those
+  /// of the devices, with what to do.
+  Result<RigFacts> open(const ObjectConfig& object, const std::stop_token& stop);
+
+  /// Lamp dark, motion stopped, devices given back. True if the lamp is known to be dark.
+  bool close();
+  bool is_open() const { return devices_.has_value(); }
+
+  Result<RigFacts> facts(const std::stop_token& stop);
+  Result<void> home(const std::stop_token& stop);
+  Result<void> clear_fault(const std::stop_token& stop);
+
+  /// Moves to axis values after asking everything that forbids it: travel, keep-out volumes at the
+  /// target and along the way, homing, alarm, interlocks. Errors: refused with the reason; those of
+  /// the gantry.
+  Result<void> move_to(const GantryPosition& target, const std::stop_token& stop);
+
+  /// The devices opened anew, for a session whose wire broke; the old ones are gone by then.
+  Result<Devices> reopen();
+
+  /// A simulated rig makes new noise when a shot is taken anew.
+  void set_take(std::uint64_t take);
+
+  Devices& devices() { return *devices_; }
+  Clock& clock() { return *clock_; }
+  bool simulated() const { return simulate_; }
+
+ private:
+  Result<void> forbidden(const GantryStatus& now, const GantryPosition& target) const;
+  Until within(std::chrono::nanoseconds time, const std::stop_token& stop) const;
+
+  const Rig& rig_;
+  const bool simulate_;
+  std::unique_ptr<Clock> clock_;
+  std::shared_ptr<sim::World> world_;  ///< of a simulated rig; its devices share it
+  std::optional<Devices> devices_;
+};
+
+}  // namespace lightrig

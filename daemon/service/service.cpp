@@ -1,0 +1,415 @@
+#include "daemon/service/service.h"
+
+#include <fmt/format.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include "daemon/service/status_json.h"
+
+namespace lightrig {
+namespace {
+
+constexpr std::size_t records_kept = 16;
+constexpr std::uintmax_t least_free_bytes = std::uintmax_t{64} << 20;
+
+// What a person can do about being in this state.
+std::string remedy(State state) {
+  switch (state) {
+    case State::unarmed:
+      return "arm the rig first (lightrig arm)";
+    case State::aborted:
+      return "arm the rig again (lightrig arm)";
+    case State::faulted:
+      return "mend the cause, then clear the fault (lightrig clear) and arm";
+    default:
+      return "wait for its end, or abort it";
+  }
+}
+
+}  // namespace
+
+std::string_view name_of(SessionVerb verb) {
+  switch (verb) {
+    case SessionVerb::pause:
+      return "pause";
+    case SessionVerb::resume:
+      return "resume";
+    case SessionVerb::stop:
+      return "stop";
+    case SessionVerb::abort:
+      return "abort";
+  }
+  return "unknown";
+}
+
+Service::Service(ServiceSettings settings, const Log& log, EventHub& hub, Liveness& liveness)
+    : settings_(std::move(settings)),
+      log_(log),
+      hub_(hub),
+      liveness_(liveness),
+      preview_(settings_.rig.camera.sensor),
+      access_(settings_.rig, settings_.simulate, settings_.clock_rate) {
+  look_at_disk();
+  tell_state();
+  thread_ = std::thread([this] { run(); });
+}
+
+Service::~Service() { shut_down(); }
+
+void Service::shut_down() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+    slot_.reset();
+    if (active_ != nullptr)
+      active_->halt("the service was stopped; lightrig resume goes on with it");
+  }
+  changed_.notify_all();
+  if (thread_.joinable()) thread_.join();
+}
+
+// --- the slot and the state ---------------------------------------------------------------------
+
+Result<std::uint64_t> Service::submit(const std::string& name, const Caller& caller, Event event,
+                                      bool now, Work work, std::optional<SessionView> session) {
+  std::uint64_t id = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto after = next(state_, event);
+    if (!after)
+      return fail(ErrorCode::refused,
+                  fmt::format("cannot {} while {}; {}", name, name_of(state_), remedy(state_)));
+    if (stopping_) return fail(ErrorCode::refused, "the service is stopping");
+    if (running_ || slot_)
+      return fail(ErrorCode::refused,
+                  fmt::format("cannot {} yet: {} has not ended; try again in a moment", name,
+                              commands_.empty() ? "the last command" : commands_.back().name));
+    id = ++last_id_;
+    if (session) {
+      session_ = std::move(session);
+      session_in_hand_ = true;
+    }
+    if (now) set_state(*after, "");
+    slot_ = Command{id, name, std::move(work)};
+    commands_.push_back({id, name, "running", ""});
+    if (commands_.size() > records_kept) commands_.pop_front();
+  }
+  changed_.notify_all();
+  log_.info("command", {{"command", name}, {"by", caller.name}, {"peer", caller.peer}});
+  tell_state();
+  return id;
+}
+
+Result<std::uint64_t> Service::done_already(const std::string& name, const std::string& message) {
+  const std::lock_guard lock(mutex_);
+  commands_.push_back({++last_id_, name, "done", message});
+  if (commands_.size() > records_kept) commands_.pop_front();
+  return last_id_;
+}
+
+void Service::set_state(State state, const std::string& reason) {
+  if (state != state_) state_since_ = SteadyClock::now();
+  state_ = state;
+  state_reason_ = reason;
+  if (session_in_hand_) {
+    session_->state = std::string(name_of(state));
+    session_->reason = reason;
+  }
+}
+
+bool Service::apply(Event event, const std::string& reason) {
+  State before{}, after{};
+  {
+    const std::lock_guard lock(mutex_);
+    const auto to = next(state_, event);
+    if (!to) return false;
+    before = state_;
+    after = *to;
+    if (event == Event::fault) ++faults_;
+    set_state(after, reason);
+  }
+  if (event == Event::fault)
+    log_.error("fault", {{"while", std::string(name_of(before))}, {"reason", reason}});
+  else if (before != after)
+    log_.info("state", {{"from", std::string(name_of(before))},
+                        {"to", std::string(name_of(after))},
+                        {"reason", reason}});
+  tell_state();
+  return true;
+}
+
+// An abort that came while the work was being done wins over the work's end.
+bool Service::apply_unless_stopped(Event event, const SessionControl& control) {
+  {
+    const std::lock_guard lock(mutex_);
+    const auto to = next(state_, event);
+    if (!to || control.stop_token().stop_requested()) return false;
+    set_state(*to, "");
+  }
+  tell_state();
+  return true;
+}
+
+void Service::record_end(std::uint64_t id, const Result<std::string>& end) {
+  CommandRecord record;
+  {
+    const std::lock_guard lock(mutex_);
+    for (CommandRecord& one : commands_)
+      if (one.id == id) {
+        one.state = end ? "done" : "failed";
+        one.message = end ? *end : end.error().message;
+        record = one;
+      }
+  }
+  if (end)
+    log_.info("command_done", {{"command", record.name}, {"outcome", record.message}});
+  else
+    log_.warning("command_failed", {{"command", record.name},
+                                    {"code", std::string(name_of(end.error().code))},
+                                    {"reason", record.message}});
+  tell_state();
+}
+
+void Service::tell_state() { hub_.update("state", status_json(snapshot())); }
+
+// --- commands -----------------------------------------------------------------------------------
+
+Result<std::uint64_t> Service::arm(const Caller& caller) {
+  if (is_armed(snapshot().state)) return done_already("arm", "the rig is armed already");
+  return submit("arm", caller, Event::arm, false,
+                [this](SessionControl& control) { return do_arm(control); });
+}
+
+Result<std::uint64_t> Service::disarm(const Caller& caller) {
+  if (snapshot().state == State::unarmed) return done_already("disarm", "the rig is unarmed");
+  // The devices are given back by the session thread once the state says unarmed.
+  return submit("disarm", caller, Event::disarm, true,
+                [](SessionControl&) -> Result<std::string> { return "the rig is unarmed"; });
+}
+
+Result<std::uint64_t> Service::clear(const Caller& caller) {
+  const State state = snapshot().state;
+  if (state == State::unarmed || state == State::armed)
+    return done_already("clear", "nothing stands in the way");
+  if (state == State::planning || state == State::reducing)
+    return fail(ErrorCode::refused,
+                fmt::format("cannot clear while {}; {}", name_of(state), remedy(state)));
+  return submit("clear", caller, Event::clear, true,
+                [](SessionControl&) -> Result<std::string> { return "cleared"; });
+}
+
+Result<std::uint64_t> Service::home(const Caller& caller) {
+  return submit("home", caller, Event::home, true,
+                [this](SessionControl& control) { return do_home(control); });
+}
+
+Result<std::uint64_t> Service::jog(const Caller& caller, const std::string& axis, double value,
+                                   bool relative) {
+  // Jogging is legal exactly where homing is; the state does not change by it.
+  return submit("jog", caller, Event::home, false,
+                [this, axis, value, relative](SessionControl& control) {
+                  return do_jog(control, axis, value, relative);
+                });
+}
+
+Result<std::string> Service::start(const Caller& caller, StartRequest request) {
+  const std::string id = make_session_id(request.spec, std::chrono::system_clock::now());
+  {
+    const std::lock_guard lock(mutex_);
+    if (!request.key.empty() && request.key == start_key_ && session_) return session_->id;
+  }
+  const std::string key = request.key;
+  SessionView view;
+  view.id = id;
+  view.state = std::string(name_of(State::planning));
+  auto accepted = submit(
+      "start", caller, Event::start, true,
+      [this, id, request = std::move(request)](SessionControl& control) {
+        return do_session(control, id, request);
+      },
+      std::move(view));
+  if (!accepted) return tl::unexpected(accepted.error());
+  log_.info("session", {{"id", id}, {"by", caller.name}});
+  const std::lock_guard lock(mutex_);
+  start_key_ = key;
+  return id;
+}
+
+Result<void> Service::steer(const Caller& caller, const std::string& id, SessionVerb verb) {
+  log_.info("command", {{"command", std::string(name_of(verb))},
+                        {"session", id},
+                        {"by", caller.name},
+                        {"peer", caller.peer}});
+  if (verb == SessionVerb::abort) {
+    abort(caller, "aborted by " + caller.name);
+    return {};
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    const bool in_hand = session_ && session_->id == id && active_ != nullptr;
+    if (in_hand && verb == SessionVerb::pause) {
+      session_->pause_requested = true;
+      active_->pause("paused by " + caller.name);
+      return {};
+    }
+    if (in_hand && verb == SessionVerb::resume) {
+      session_->pause_requested = false;
+      active_->resume();
+      return {};
+    }
+    if (in_hand) {
+      session_->stop_requested = true;
+      active_->stop_after_shot();
+      active_->resume();  // a paused session ends too: its shot is done
+      return {};
+    }
+  }
+  if (verb != SessionVerb::resume)
+    return fail(ErrorCode::refused,
+                fmt::format("cannot {} session {}: it is not under way", name_of(verb), id));
+  const std::filesystem::path folder = settings_.rig.session_root / id;
+  // A session that capture() has given back to wait for its condition is resumed from `paused`.
+  const Event event = snapshot().state == State::paused ? Event::resume : Event::start;
+  SessionView view;
+  view.id = id;
+  view.folder = folder;
+  view.state = std::string(name_of(State::planning));
+  auto accepted = submit(
+      "resume", caller, event, true,
+      [this, folder](SessionControl& control) { return do_resume(control, folder); },
+      std::move(view));
+  if (!accepted) return tl::unexpected(accepted.error());
+  return {};
+}
+
+void Service::abort(const Caller& caller, const std::string& reason) {
+  State before{};
+  {
+    const std::lock_guard lock(mutex_);
+    if (active_ != nullptr) active_->abort(reason);
+    before = state_;
+    ++aborts_;
+    if (slot_) {
+      for (CommandRecord& one : commands_)
+        if (one.id == slot_->id) (one.state = "failed", one.message = "aborted before it began");
+      slot_.reset();
+    }
+    set_state(*next(state_, Event::abort), reason);
+    session_in_hand_ = session_in_hand_ && active_ != nullptr;
+  }
+  changed_.notify_all();
+  log_.warning("abort", {{"while", std::string(name_of(before))},
+                         {"by", caller.name},
+                         {"peer", caller.peer},
+                         {"reason", reason}});
+  tell_state();
+}
+
+// --- the lock -----------------------------------------------------------------------------------
+
+Result<void> Service::may_command(const Caller& caller) const {
+  const std::lock_guard lock(mutex_);
+  if (!lock_ || lock_->name == caller.name) return {};
+  return fail(ErrorCode::refused,
+              fmt::format("the rig is locked by {}{}{}; ask them, or take the lock away (lightrig "
+                          "unlock --force). ABORT always works",
+                          lock_->name, lock_->note.empty() ? "" : ": ", lock_->note));
+}
+
+Result<void> Service::lock(const Caller& caller, const std::string& note) {
+  if (caller.name.empty())
+    return fail(ErrorCode::invalid_input, "a lock needs a name (header X-Lightrig-Client)");
+  if (auto may = may_command(caller); !may) return may;
+  {
+    const std::lock_guard lock(mutex_);
+    lock_ = RigLock{caller.name, note};
+  }
+  log_.info("locked", {{"by", caller.name}, {"note", note}});
+  tell_state();
+  return {};
+}
+
+Result<void> Service::unlock(const Caller& caller, bool force) {
+  if (!force)
+    if (auto may = may_command(caller); !may) return may;
+  {
+    const std::lock_guard lock(mutex_);
+    lock_.reset();
+  }
+  log_.info("unlocked", {{"by", caller.name}, {"force", force ? "true" : "false"}});
+  tell_state();
+  return {};
+}
+
+// --- the snapshot -------------------------------------------------------------------------------
+
+std::vector<std::string> Service::obstacles() const {
+  std::vector<std::string> why;
+  if (!is_armed(state_)) {
+    const std::string reason = state_reason_.empty() ? "" : fmt::format(" ({})", state_reason_);
+    why.push_back(fmt::format("{}{}: {}", name_of(state_), reason, remedy(state_)));
+  } else if (state_ != State::armed && state_ != State::done) {
+    why.push_back(fmt::format("{}: {}", name_of(state_), remedy(state_)));
+  }
+  if (lamp_may_be_on_)
+    why.push_back(
+        "LAMP MAY BE ON: its wire failed before it went dark; look, switch it off by "
+        "hand, then arm");
+  if (!disk_trouble_.empty()) why.push_back(disk_trouble_);
+  if (facts_)
+    for (const std::string& input : facts_->gantry.open_interlocks)
+      why.push_back(fmt::format("interlock {} is open: close it", input));
+  return why;
+}
+
+Snapshot Service::snapshot() const {
+  const std::lock_guard lock(mutex_);
+  const auto now = SteadyClock::now();
+  const auto seconds = [&](SteadyClock::time_point since) {
+    return std::chrono::duration<double>(now - since).count();
+  };
+  Snapshot moment;
+  moment.rig = settings_.rig.name;
+  moment.simulated = settings_.simulate;
+  moment.state = state_;
+  moment.state_s = seconds(state_since_);
+  moment.uptime_s = seconds(started_);
+  moment.busy = running_ || slot_.has_value();
+  moment.lamp_may_be_on = lamp_may_be_on_;
+  moment.why_not_ready = obstacles();
+  moment.lock = lock_;
+  moment.facts = facts_;
+  moment.session = session_;
+  moment.commands.assign(commands_.begin(), commands_.end());
+  moment.disk_free_bytes = disk_free_bytes_;
+  moment.frames = frames_;
+  moment.sessions_done = sessions_done_;
+  moment.aborts = aborts_;
+  moment.faults = faults_;
+  return moment;
+}
+
+void Service::look_at_disk() {
+  const std::string root = settings_.rig.session_root.string();
+  struct statvfs facts {};
+  std::string trouble;
+  std::uintmax_t free_bytes = 0;
+  if (statvfs(root.c_str(), &facts) != 0)
+    trouble = fmt::format("the session root {} cannot be read: {}", root, std::strerror(errno));
+  else
+    free_bytes = std::uintmax_t{facts.f_bavail} * facts.f_frsize;
+  if (trouble.empty() && access(root.c_str(), W_OK) != 0)
+    trouble = fmt::format("the session root {} cannot be written: {}", root, std::strerror(errno));
+  if (trouble.empty() && free_bytes < least_free_bytes)
+    trouble =
+        fmt::format("only {} MiB are free on the disk of {}: free some", free_bytes >> 20, root);
+  const std::lock_guard lock(mutex_);
+  disk_trouble_ = trouble;
+  disk_free_bytes_ = free_bytes;
+}
+
+}  // namespace lightrig

@@ -1,0 +1,224 @@
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "config/rig.h"
+#include "daemon/service/event_hub.h"
+#include "daemon/service/liveness.h"
+#include "daemon/service/log.h"
+#include "daemon/service/preview.h"
+#include "daemon/service/rig_access.h"
+#include "daemon/service/state.h"
+#include "daemon/session/session.h"
+
+namespace lightrig {
+
+/// Who asks: a name for the lock and the record, and where the request came from.
+struct Caller {
+  std::string name;
+  std::string peer;
+};
+
+/// A rig reserved by a person. It keeps others' hands off, never ABORT's.
+struct RigLock {
+  std::string name, note;
+};
+
+/// What became of a command.
+struct CommandRecord {
+  std::uint64_t id = 0;
+  std::string name;               ///< "arm", "home", "jog", "session", …
+  std::string state = "running";  ///< then "done" or "failed"
+  std::string message;            ///< what was done, or why not
+};
+
+/// What was known after so many lights, as captured so far.
+struct CurveEntry {
+  int lights = 0;
+  double elapsed_s = 0;
+  double predicted_error_percent = 0;
+  std::optional<double> held_out_error_percent, true_error_percent;
+};
+
+/// The session in hand, or the last one.
+struct SessionView {
+  std::string id;
+  std::filesystem::path folder;
+  std::string state;   ///< "planning", "capturing", "paused", "reducing", "done", "aborted", …
+  std::string reason;  ///< why it is paused, aborted or faulted; one sentence
+  SessionProgress progress;
+  bool pause_requested = false, stop_requested = false;
+  std::vector<CurveEntry> curve;
+  std::filesystem::path result;  ///< folder of the result; empty before it stands
+};
+
+/// One consistent moment of the service.
+struct Snapshot {
+  std::string rig;
+  bool simulated = false;
+  State state = State::unarmed;
+  double state_s = 0;   ///< [s] in this state
+  double uptime_s = 0;  ///< [s]
+  bool busy = false;    ///< the command slot is taken
+  bool lamp_may_be_on = false;
+  std::vector<std::string> why_not_ready;
+  std::optional<RigLock> lock;
+  std::optional<RigFacts> facts;  ///< while devices are open
+  std::optional<SessionView> session;
+  std::vector<CommandRecord> commands;  ///< the last few, newest last
+  std::uintmax_t disk_free_bytes = 0;
+  std::uint64_t frames = 0, sessions_done = 0, aborts = 0, faults = 0;  ///< since start
+};
+
+/// What a session is to be.
+struct StartRequest {
+  SessionSpec spec;
+  std::optional<Plan> plan;  ///< given, or computed
+  std::string key;           ///< repeated requests with one key start one session; "" = no key
+};
+
+enum class SessionVerb : std::uint8_t { pause, resume, stop, abort };
+std::string_view name_of(SessionVerb verb);
+
+struct ServiceSettings {
+  Rig rig;
+  bool simulate = false;
+  double clock_rate = 1;
+  int threads = 2;  ///< for reduction
+};
+
+/// The service itself: the state, one command slot served by the session thread, and the snapshot
+/// that everybody else reads. Every call returns at once; what takes time happens on the session
+/// thread, which alone touches a device.
+class Service {
+ public:
+  Service(ServiceSettings settings, const Log& log, EventHub& hub, Liveness& liveness);
+  ~Service();  ///< shut_down()
+  Service(const Service&) = delete;
+  Service& operator=(const Service&) = delete;
+
+  // Commands answer with the number of their record; `refused` says what stands in the way. A
+  // command whose end is reached already is done at once.
+  Result<std::uint64_t> arm(const Caller& caller);
+  Result<std::uint64_t> disarm(const Caller& caller);
+  Result<std::uint64_t> clear(const Caller& caller);
+  Result<std::uint64_t> home(const Caller& caller);
+  /// Moves one axis by, or to, a value [rad or m].
+  Result<std::uint64_t> jog(const Caller& caller, const std::string& axis, double value,
+                            bool relative);
+
+  /// The id of the session, planning from now on.
+  Result<std::string> start(const Caller& caller, StartRequest request);
+
+  /// Pause, resume, stop after this shot, or abort. `id` is the session in hand, or, to resume, any
+  /// unfinished one of the session root. Asking for what is so already is no error.
+  Result<void> steer(const Caller& caller, const std::string& id, SessionVerb verb);
+
+  /// Stops whatever moves: requests the stop before it does anything else, takes no queue.
+  void abort(const Caller& caller, const std::string& reason);
+
+  Result<void> lock(const Caller& caller, const std::string& note);
+  /// `force` takes the lock from whoever holds it.
+  Result<void> unlock(const Caller& caller, bool force);
+  /// Errors: refused when somebody else holds the lock.
+  Result<void> may_command(const Caller& caller) const;
+
+  Snapshot snapshot() const;
+  Preview& preview() { return preview_; }
+  const Rig& rig() const { return settings_.rig; }
+
+  /// Looks at the disk; to be called every few seconds, from a thread that may wait.
+  void look_at_disk();
+
+  /// Aborts what is under way, makes the lamp dark, ends the session thread.
+  void shut_down();
+
+ private:
+  using SteadyClock = std::chrono::steady_clock;
+  using Work = std::function<Result<std::string>(SessionControl&)>;
+  struct Command {
+    std::uint64_t id;
+    std::string name;
+    Work work;
+  };
+
+  // service.cpp: the slot and the state, for any thread
+  Result<std::uint64_t> submit(const std::string& name, const Caller& caller, Event event, bool now,
+                               Work work, std::optional<SessionView> session = {});
+  Result<std::uint64_t> done_already(const std::string& name, const std::string& message);
+  bool apply(Event event, const std::string& reason = "");
+  bool apply_unless_stopped(Event event, const SessionControl& control);
+  void set_state(State state, const std::string& reason);  ///< under mutex_
+  void record_end(std::uint64_t id, const Result<std::string>& end);
+  void tell_state();
+  std::vector<std::string> obstacles() const;  ///< under mutex_
+
+  // session_thread.cpp: the session thread's own
+  void run();
+  void execute(Command command);
+  void settle_devices();
+  void idle_check();
+  Result<std::string> do_arm(SessionControl& control);
+  Result<std::string> do_home(SessionControl& control);
+  Result<std::string> do_jog(SessionControl& control, const std::string& axis, double value,
+                             bool relative);
+  void remember(const RigFacts& facts);
+  void lamp_unsure(bool unsure);
+
+  // session_run.cpp: one session on the session thread
+  Result<std::string> do_session(SessionControl& control, const std::string& id,
+                                 StartRequest request);
+  Result<std::string> do_resume(SessionControl& control, const std::filesystem::path& folder);
+  Result<void> add_truth(SessionSpec& spec);
+  Result<std::string> run_session(SessionControl& control, const SessionFolder& folder,
+                                  const SessionSpec& spec, const Prepared& prepared);
+  Result<std::string> finish_session(SessionControl& control, const SessionFolder& folder,
+                                     const SessionEnd& end);
+  Result<std::string> reduce(const SessionFolder& folder);
+  Result<std::string> refuse_session(const Error& error);
+  void on_event(const JournalEvent& event);
+  void on_progress(const SessionProgress& progress);
+  void on_frame(const Frame& frame, const std::string& shot);
+  std::chrono::milliseconds longest_step() const;
+
+  const ServiceSettings settings_;
+  const Log& log_;
+  EventHub& hub_;
+  Liveness& liveness_;
+  Preview preview_;
+  RigAccess access_;  ///< the session thread's
+  const SteadyClock::time_point started_ = SteadyClock::now();
+
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  State state_ = State::unarmed;
+  SteadyClock::time_point state_since_ = started_;
+  std::string state_reason_;
+  std::optional<Command> slot_;       ///< waits for the session thread
+  SessionControl* active_ = nullptr;  ///< of the command being run; the session thread owns it
+  bool running_ = false;              ///< a command is being run
+  std::uint64_t last_id_ = 0;
+  std::deque<CommandRecord> commands_;
+  std::optional<RigLock> lock_;
+  std::optional<RigFacts> facts_;
+  std::optional<SessionView> session_;
+  bool session_in_hand_ = false;  ///< session_ is what the command being run is about
+  std::string start_key_;
+  bool lamp_may_be_on_ = false;
+  std::string disk_trouble_;
+  std::uintmax_t disk_free_bytes_ = 0;
+  std::uint64_t frames_ = 0, sessions_done_ = 0, aborts_ = 0, faults_ = 0;
+  bool stopping_ = false;
+  std::thread thread_;  ///< last: it uses all of the above
+};
+
+}  // namespace lightrig

@@ -1,0 +1,259 @@
+// One session on the session thread: plan, capture, reduce.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/brdf_table.h"
+#include "daemon/service/service.h"
+#include "daemon/service/status_json.h"
+#include "daemon/session/durable_file.h"
+#include "daemon/session/reduction.h"
+#include "sim/open_devices.h"
+
+namespace lightrig {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto computing_promise = 60min;  ///< the longest plan or reduction we wait for
+constexpr auto step_promise = 120s;        ///< storing a frame, asking a device, retries
+constexpr int truth_phi = 180;             ///< φd values the truth is averaged over: MERL's own
+
+}  // namespace
+
+// The longest that a healthy session may be silent: the longest move, exposure or homing there is.
+std::chrono::milliseconds Service::longest_step() const {
+  const Rig& rig = settings_.rig;
+  const GantryModel& model = rig.gantry.model;
+  GantryPosition least, most;
+  least.axes.resize(static_cast<Eigen::Index>(model.axes.size()));
+  most.axes = least.axes;
+  for (std::size_t i = 0; i < model.axes.size(); ++i) {
+    least.axes[static_cast<Eigen::Index>(i)] = model.axes[i].min;
+    most.axes[static_cast<Eigen::Index>(i)] = model.axes[i].max;
+  }
+  const double seconds = move_time(model, least, most) * rig.gantry.move_time_factor +
+                         model.settle_time + rig.lamp.warm_up + rig.camera.sensor.max_exposure +
+                         rig.camera.readout_time;
+  return std::chrono::milliseconds(std::llround(seconds * 1e3)) + rig.gantry.move_time_margin +
+         rig.gantry.homing_timeout + step_promise;
+}
+
+// Where the truth is known because the laboratory is simulated, every session states its true
+// error: the truth is written once as a MERL file and named as the reference.
+Result<void> Service::add_truth(SessionSpec& spec) {
+  if (!settings_.simulate || !spec.reference.empty()) return {};
+  const auto truth = sim::truth_of(settings_.rig);
+  if (!truth) return tl::unexpected(with_context("the simulator's truth", truth.error()));
+  const BrdfTable table = tabulate(*truth, BivariateGrid{}, truth_phi);
+  const std::vector<std::byte> bytes = encode_merl(to_merl(table, 1));
+  const std::filesystem::path path = settings_.rig.session_root / ".simulated-truth.binary";
+  if (auto written = write_durably(path, bytes); !written)
+    return tl::unexpected(with_context("write the simulator's truth", written.error()));
+  spec.reference = path;
+  return {};
+}
+
+// A session that cannot be begun leaves the rig as it was: armed, nothing moved.
+Result<std::string> Service::refuse_session(const Error& error) {
+  apply(Event::clear);
+  const std::lock_guard lock(mutex_);
+  session_->state = "refused";
+  session_->reason = error.message;
+  return tl::unexpected(error);
+}
+
+Result<std::string> Service::do_session(SessionControl& control, const std::string& id,
+                                        StartRequest request) {
+  liveness_.promise(computing_promise);
+  const Rig& rig = settings_.rig;
+  if (auto truth = add_truth(request.spec); !truth) return refuse_session(truth.error());
+  auto prepared = request.plan ? prepare_with_plan(rig, request.spec, *request.plan)
+                               : prepare(rig, request.spec);
+  if (!prepared) return refuse_session(with_context("plan session " + id, prepared.error()));
+  for (const std::string& remark : prepared->remarks)
+    log_.debug("remark", {{"session", id}, {"text", remark}});
+  if (control.stop_token().stop_requested())
+    return fail(ErrorCode::stopped, "aborted while planning; nothing had moved");
+  auto folder = create_session(rig, request.spec, *prepared, id);
+  if (!folder) return refuse_session(folder.error());
+  log_.info("planned",
+            {{"session", id},
+             {"lights", std::to_string(prepared->plan.shots.size())},
+             {"predicted_s", fmt::format("{:.0f}", prepared->plan.predicted_capture_time)},
+             {"folder", folder->root.string()}});
+  return run_session(control, *folder, request.spec, *prepared);
+}
+
+Result<std::string> Service::do_resume(SessionControl& control, const std::filesystem::path& root) {
+  liveness_.promise(computing_promise);
+  auto record = read_session_folder(root);
+  if (!record) return refuse_session(with_context("resume", record.error()));
+  if (record->rig.text != settings_.rig.text)
+    return refuse_session({ErrorCode::refused,
+                           fmt::format("resume: session {} was captured with another rig file than "
+                                       "{}; start the service with the session's own rig.toml",
+                                       root.filename().string(), settings_.rig.path.string())});
+  if (record->state == "done")
+    return refuse_session({ErrorCode::refused,
+                           "resume: the session is done; its result stands in "
+                           "its folder (lightrig reduce computes it again)"});
+  auto prepared = prepare_with_plan(settings_.rig, record->spec, record->plan);
+  if (!prepared) return refuse_session(with_context("resume", prepared.error()));
+  log_.info("resuming", {{"session", root.filename().string()},
+                         {"captured", std::to_string(record->shots.size())},
+                         {"of", std::to_string(record->plan.shots.size())}});
+  return run_session(control, record->folder, record->spec, *prepared);
+}
+
+Result<std::string> Service::run_session(SessionControl& control, const SessionFolder& folder,
+                                         const SessionSpec& spec, const Prepared& prepared) {
+  {
+    const std::lock_guard lock(mutex_);
+    session_->folder = folder.root;
+    session_->progress.shots_total = static_cast<int>(prepared.plan.shots.size());
+  }
+  hub_.begin_session(folder.root.filename().string());
+  // A simulated camera looks at the session's own object; real devices are open since arming.
+  if (access_.simulated() || !access_.is_open()) {
+    auto opened = access_.open(spec.object, control.stop_token());
+    if (!opened) {
+      apply(Event::fault, opened.error().message);
+      return tl::unexpected(opened.error());
+    }
+    remember(*opened);
+  }
+  apply_unless_stopped(snapshot().state == State::planning ? Event::planned : Event::resume,
+                       control);
+  liveness_.promise(longest_step());
+  const SessionListeners listeners{
+      [this](const JournalEvent& event) { on_event(event); },
+      [this](const SessionProgress& progress) { on_progress(progress); },
+      [this](const Frame& frame, const std::string& shot) { on_frame(frame, shot); },
+      [this](const std::string&, std::uint64_t take) { access_.set_take(take); }};
+  const SessionEnd end =
+      capture(folder, settings_.rig, spec, prepared, access_.devices(), access_.clock(), control,
+              listeners, [this] { return access_.reopen(); });
+  return finish_session(control, folder, end);
+}
+
+Result<std::string> Service::finish_session(SessionControl& control, const SessionFolder& folder,
+                                            const SessionEnd& end) {
+  if (end.lamp_may_be_on) {
+    lamp_unsure(true);
+    apply(Event::fault, end.reason);
+  }
+  switch (end.outcome) {
+    case SessionOutcome::done:
+    case SessionOutcome::stopped_early:
+      break;
+    case SessionOutcome::paused:
+      apply(Event::pause, end.reason);
+      return end.reason;
+    case SessionOutcome::aborted:
+      apply(Event::abort, control.reason().empty() ? end.reason : control.reason());
+      return fail(ErrorCode::stopped, end.reason);
+    case SessionOutcome::faulted:
+      apply(Event::fault, end.reason);
+      return fail(ErrorCode::refused, end.reason);
+  }
+  if (auto facts = access_.facts(control.stop_token())) remember(*facts);
+  apply(Event::captured, end.reason);
+  return reduce(folder);
+}
+
+Result<std::string> Service::reduce(const SessionFolder& folder) {
+  liveness_.promise(computing_promise);
+  const auto summary = reduce_session(folder.root, folder.root, settings_.threads);
+  if (!summary) {
+    apply(Event::clear, summary.error().message);
+    const std::lock_guard lock(mutex_);
+    session_->state = "captured";
+    session_->reason = fmt::format(
+        "no result: {}; the frames are stored, lightrig reduce computes "
+        "it again",
+        summary.error().message);
+    return tl::unexpected(with_context("reduce the session", summary.error()));
+  }
+  if (auto sealed = seal_session(folder); !sealed)
+    log_.warning("not_sealed", {{"session", folder.root.filename().string()},
+                                {"reason", sealed.error().message}});
+  const auto percent = [](double value) { return fmt::format("{:.2f}", value); };
+  const double predicted =
+      summary->curve.empty() ? 0 : summary->curve.back().predicted_error_percent;
+  {
+    const std::lock_guard lock(mutex_);
+    ++sessions_done_;
+    session_->curve.clear();
+    for (const CurvePoint& point : summary->curve)
+      session_->curve.push_back({point.lights, point.elapsed_s, point.predicted_error_percent,
+                                 point.held_out_error_percent, point.true_error_percent});
+    if (!summary->curve.empty()) session_->progress.predicted_error_percent = predicted;
+    if (summary->has_truth) session_->progress.true_error_percent = summary->true_error.percent_log;
+    session_->progress.activity = "done";
+    session_->progress.remaining_s = 0;
+    session_->result = summary->result;
+  }
+  apply(Event::reduced);
+  log_.info("result", {{"session", folder.root.filename().string()},
+                       {"predicted_error_percent", percent(predicted)},
+                       {"true_error_percent",
+                        summary->has_truth ? percent(summary->true_error.percent_log) : "unknown"},
+                       {"folder", summary->result.string()}});
+  return "the session is done; its result is in " + summary->result.string();
+}
+
+// --- what capture() tells, on the session thread ------------------------------------------------
+
+void Service::on_event(const JournalEvent& event) {
+  liveness_.promise(longest_step());
+  std::string session;
+  {
+    const std::lock_guard lock(mutex_);
+    session = session_->id;
+    if (event.event == "resumed") session_->pause_requested = false;
+  }
+  hub_.publish(event.sequence, event.event, event_json(session, event));
+  const auto word = [&](const char* name) {
+    return event.fields.is_object() && event.fields.contains(name) && event.fields[name].is_string()
+               ? event.fields[name].get<std::string>()
+               : std::string();
+  };
+  if (event.event == "paused") apply(Event::pause, word("reason"));
+  if (event.event == "resumed") apply(Event::resume);
+  log_.info(event.event, {{"session", session},
+                          {"seq", std::to_string(event.sequence)},
+                          {"shot", word("name")},
+                          {"outcome", word("outcome")},
+                          {"reason", word("reason")}});
+  log_.debug("journal", {{"seq", std::to_string(event.sequence)},
+                         {"facts", event.fields.is_null() ? "" : event.fields.dump()}});
+}
+
+void Service::on_progress(const SessionProgress& progress) {
+  liveness_.promise(longest_step());
+  std::string session;
+  {
+    const std::lock_guard lock(mutex_);
+    session = session_->id;
+    session_->progress = progress;
+    const int known = session_->curve.empty() ? 0 : session_->curve.back().lights;
+    if (progress.shots_done > known)
+      session_->curve.push_back({progress.shots_done, progress.elapsed_s,
+                                 progress.predicted_error_percent, progress.held_out_error_percent,
+                                 progress.true_error_percent});
+  }
+  hub_.update("progress", progress_json(session, progress));
+}
+
+void Service::on_frame(const Frame& frame, const std::string& shot) {
+  liveness_.promise(longest_step());
+  {
+    const std::lock_guard lock(mutex_);
+    ++frames_;
+  }
+  hub_.update("preview", preview_json(preview_.offer(frame, shot)));
+}
+
+}  // namespace lightrig

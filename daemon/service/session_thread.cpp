@@ -1,0 +1,200 @@
+// The session thread: it serves the command slot, and it alone touches the devices.
+#include <fmt/format.h>
+
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "daemon/service/service.h"
+
+namespace lightrig {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto idle_look = 2s;        ///< between two looks at an armed rig that does nothing
+constexpr auto idle_promise = 60s;    ///< a look that hangs longer than this is a hang
+constexpr auto short_promise = 120s;  ///< opening devices, asking them, closing them
+
+std::string in_rig_units(const Axis& axis, double value) {
+  return axis.rotary ? fmt::format("{:.3f}°", value * 180 / std::numbers::pi)
+                     : fmt::format("{:.3f} mm", value * 1e3);
+}
+
+}  // namespace
+
+void Service::run() {
+  std::unique_lock lock(mutex_);
+  while (!stopping_) {
+    liveness_.promise(idle_promise);
+    changed_.wait_for(lock, idle_look, [this] { return stopping_ || slot_ || !is_armed(state_); });
+    if (stopping_) break;
+    std::optional<Command> command = std::exchange(slot_, {});
+    lock.unlock();
+    if (command)
+      execute(std::move(*command));
+    else
+      idle_check();
+    settle_devices();
+    lock.lock();
+    // Unarmed and nothing to do: sleep until somebody asks for something.
+    if (!is_armed(state_) && !slot_ && !stopping_)
+      changed_.wait_for(lock, idle_promise / 4, [this] { return stopping_ || slot_; });
+  }
+  lock.unlock();
+  lamp_unsure(!access_.close());
+}
+
+void Service::execute(Command command) {
+  SessionControl control;
+  {
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return;
+    active_ = &control;
+    running_ = true;
+  }
+  const Result<std::string> end = command.work(control);
+  {
+    const std::lock_guard lock(mutex_);
+    active_ = nullptr;
+    running_ = false;
+    session_in_hand_ = false;
+  }
+  record_end(command.id, end);
+}
+
+// A rig that is not armed has no open device: lamp dark, motion stopped, nothing held.
+void Service::settle_devices() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (is_armed(state_)) return;
+    facts_.reset();
+  }
+  if (!access_.is_open()) return;
+  const bool dark = access_.close();
+  lamp_unsure(!dark);
+  log_.info("devices_closed", {{"lamp", dark ? "dark" : "MAY BE ON"}});
+  tell_state();
+}
+
+void Service::lamp_unsure(bool unsure) {
+  if (!unsure) return;  // only a lamp that was confirmed dark after arming clears the doubt
+  const std::lock_guard lock(mutex_);
+  lamp_may_be_on_ = true;
+}
+
+void Service::remember(const RigFacts& facts) {
+  const std::lock_guard lock(mutex_);
+  facts_ = facts;
+}
+
+// An armed rig that does nothing is looked at: an alarm, a lost wire or an arm that moved by
+// itself ends its being armed.
+void Service::idle_check() {
+  std::optional<RigFacts> before;
+  {
+    const std::lock_guard lock(mutex_);
+    if ((state_ != State::armed && state_ != State::done) || !access_.is_open()) return;
+    before = facts_;
+  }
+  liveness_.promise(short_promise);
+  const auto now = access_.facts({});
+  if (!now) {
+    apply(Event::fault, "the rig no longer answers: " + now.error().message);
+    return;
+  }
+  remember(*now);
+  if (!now->gantry.alarm.empty()) {
+    apply(Event::fault, "the gantry reports an alarm: " + now->gantry.alarm);
+    return;
+  }
+  if (!before || before->gantry.position.axes.size() != now->gantry.position.axes.size()) return;
+  const double moved =
+      (now->gantry.position.axes - before->gantry.position.axes).cwiseAbs().maxCoeff();
+  if (now->gantry.homed && before->gantry.homed && moved > settings_.rig.gantry.model.tolerance)
+    apply(Event::fault, "the gantry moved although nothing told it to; look at it, then home it");
+}
+
+Result<std::string> Service::do_arm(SessionControl& control) {
+  liveness_.promise(short_promise);
+  auto facts = access_.open(settings_.rig.session_defaults.object, control.stop_token());
+  if (!facts) return tl::unexpected(with_context("arm the rig", facts.error()));
+  if (!facts->gantry.alarm.empty()) {
+    // Arming is the deliberate act that a latched alarm waits for; one that stays refuses it.
+    auto cleared = access_.clear_fault(control.stop_token());
+    if (cleared) facts = access_.facts(control.stop_token());
+    if (!cleared || !facts || !facts->gantry.alarm.empty())
+      return fail(ErrorCode::refused,
+                  fmt::format("arm the rig: the gantry's alarm stays ({}); mend its cause",
+                              facts ? facts->gantry.alarm : facts.error().message));
+  }
+  if (!facts->gantry.open_interlocks.empty())
+    return fail(ErrorCode::refused, fmt::format("arm the rig: interlock {} is open; close it",
+                                                facts->gantry.open_interlocks.front()));
+  remember(*facts);
+  if (!apply_unless_stopped(Event::arm, control))
+    return fail(ErrorCode::stopped, "arm the rig: aborted; the rig stays unarmed");
+  {
+    const std::lock_guard lock(mutex_);
+    lamp_may_be_on_ = false;
+  }
+  log_.info("armed", {{"simulated", settings_.simulate ? "true" : "false"},
+                      {"camera", facts->camera},
+                      {"homed", facts->gantry.homed ? "true" : "false"}});
+  return "the rig is armed";
+}
+
+Result<std::string> Service::do_home(SessionControl& control) {
+  liveness_.promise(settings_.rig.gantry.homing_timeout + short_promise);
+  auto homed = access_.home(control.stop_token());
+  if (!homed) {
+    // An abort has set the state already, and is not a fault.
+    if (!control.stop_token().stop_requested()) {
+      if (homed.error().code == ErrorCode::refused)
+        apply(Event::homed);  // it was not begun: still armed, and the reason is in the record
+      else
+        apply(Event::fault, homed.error().message);
+    }
+    return tl::unexpected(homed.error());
+  }
+  if (auto facts = access_.facts(control.stop_token())) remember(*facts);
+  if (!apply_unless_stopped(Event::homed, control))
+    return fail(ErrorCode::stopped, "home the gantry: aborted");
+  return "the gantry is homed";
+}
+
+Result<std::string> Service::do_jog(SessionControl& control, const std::string& name, double value,
+                                    bool relative) {
+  const auto& axes = settings_.rig.gantry.model.axes;
+  std::size_t index = 0;
+  while (index < axes.size() && axes[index].name != name) ++index;
+  if (index == axes.size()) {
+    std::string known;
+    for (const Axis& axis : axes) known += (known.empty() ? "" : ", ") + axis.name;
+    return fail(ErrorCode::invalid_input,
+                fmt::format("jog: the rig has no axis \"{}\"; it has {}", name, known));
+  }
+  liveness_.promise(longest_step());
+  auto now = access_.facts(control.stop_token());
+  if (!now) return tl::unexpected(with_context("jog", now.error()));
+  GantryPosition target = now->gantry.position;
+  const auto i = static_cast<Eigen::Index>(index);
+  target.axes[i] = relative ? target.axes[i] + value : value;
+  const Axis& axis = axes[index];
+  if (!std::isfinite(target.axes[i]) || target.axes[i] < axis.min || target.axes[i] > axis.max)
+    return fail(ErrorCode::refused,
+                fmt::format("jog: {} to {} is outside its travel of {} … {}; nothing was moved",
+                            axis.name, in_rig_units(axis, target.axes[i]),
+                            in_rig_units(axis, axis.min), in_rig_units(axis, axis.max)));
+  auto moved = access_.move_to(target, control.stop_token());
+  if (auto after = access_.facts({})) remember(*after);
+  if (!moved) {
+    const bool by_us = control.stop_token().stop_requested();
+    if (!by_us && moved.error().code != ErrorCode::refused)
+      apply(Event::fault, moved.error().message);
+    return tl::unexpected(with_context("jog", moved.error()));
+  }
+  return fmt::format("{} is at {}", axis.name, in_rig_units(axis, target.axes[i]));
+}
+
+}  // namespace lightrig

@@ -1,0 +1,259 @@
+// Whole sessions through the service's real socket, on the demo's rig made small.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <thread>
+
+#include "daemon/service/host.h"
+#include "daemon/session/compare.h"
+#include "daemon/session/durable_file.h"
+#include "tests/service/raw_http.h"
+#include "tests/service/scratch_folder.h"
+#include "tests/service/small_rig.h"
+
+namespace lightrig {
+namespace {
+
+using namespace std::chrono_literals;
+using ::testing::HasSubstr;
+using Json = nlohmann::ordered_json;
+using Clock_ = std::chrono::steady_clock;
+
+/// A service on a socket in a folder of its own.
+class ServiceStory : public ::testing::Test {
+ protected:
+  void SetUp() override { begin(std::numeric_limits<double>::infinity()); }
+
+  void begin(double clock_rate) {
+    host_.reset();
+    HostSettings settings;
+    settings.service.rig = small_rig(folder_.path());
+    settings.service.simulate = true;
+    settings.service.clock_rate = clock_rate;
+    settings.socket = socket_;
+    settings.use_activated_sockets = false;
+    auto host = Host::start(std::move(settings), log_);
+    ASSERT_TRUE(host) << host.error().message;
+    host_ = std::move(*host);
+  }
+
+  RawReply get(const std::string& path) { return request(RawConnection(socket_), "GET", path); }
+  RawReply post(const std::string& path, const std::string& body = "{}",
+                const std::string& headers = mutation_headers) {
+    return request(RawConnection(socket_), "POST", path, body, headers);
+  }
+  Json status() { return get("/v1/status").json(); }
+
+  /// Waits until the status satisfies, and gives it.
+  Json wait_for(const std::function<bool(const Json&)>& good, std::chrono::seconds within = 60s) {
+    const auto end = Clock_::now() + within;
+    Json last = status();
+    while (!good(last) && Clock_::now() < end) {
+      std::this_thread::sleep_for(10ms);
+      last = status();
+    }
+    EXPECT_TRUE(good(last)) << last.dump(1);
+    return last;
+  }
+  Json wait_for_state(const std::string& state) {
+    return wait_for([&](const Json& now) { return now["state"] == state && !now["busy"]; });
+  }
+  void arm() {
+    EXPECT_EQ(post("/v1/arm").status, 202);
+    wait_for_state("armed");
+  }
+  std::string start(const std::string& body = "{}") {
+    const RawReply reply = post("/v1/sessions", body);
+    EXPECT_EQ(reply.status, 201) << reply.body;
+    return reply.status == 201 ? reply.json()["id"].get<std::string>() : "";
+  }
+
+  ScratchFolder folder_;
+  const std::filesystem::path socket_ = folder_.path() / "control.sock";
+  Log log_{LogLevel::warning, Log::Sink::none};
+  std::unique_ptr<Host> host_;
+};
+
+TEST_F(ServiceStory, StartsUnarmedAndSaysWhyNothingCanMove) {
+  const Json now = status();
+  EXPECT_EQ(now["state"], "unarmed");
+  EXPECT_FALSE(now["ready"].get<bool>());
+  EXPECT_THAT(now["why_not_ready"].dump(), HasSubstr("arm the rig"));
+  for (const char* path : {"/v1/home", "/v1/sessions"}) {
+    const RawReply reply = post(path);
+    EXPECT_EQ(reply.status, 409) << path;
+    EXPECT_THAT(reply.body, HasSubstr("unarmed"));
+  }
+}
+
+TEST_F(ServiceStory, TakesASessionFromArmToAResultWithItsTrueError) {
+  arm();
+  const std::string id = start();
+  const Json end = wait_for_state("done");
+  const Json session = end["session"];
+  EXPECT_EQ(session["id"], id);
+  EXPECT_EQ(session["state"], "done");
+  EXPECT_EQ(session["shots_done"], session["shots_total"]);
+  ASSERT_TRUE(session["true_error_percent"].is_number()) << session.dump(1);
+  EXPECT_LT(session["true_error_percent"].get<double>(), 40);
+  EXPECT_GE(session["curve"].size(), 3U);
+
+  const auto folder = folder_.path() / "sessions" / id;
+  EXPECT_TRUE(std::filesystem::exists(folder / "result" / "brdf.binary"));
+  EXPECT_TRUE(std::filesystem::exists(folder / "manifest-sha256.txt")) << "sealed";
+  const auto report = verify_session(folder, 2);
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->sound) << report->summary
+                             << (report->findings.empty() ? "" : report->findings.front());
+
+  EXPECT_EQ(get("/v1/sessions/" + id + "/result").json()["session"], id);
+  EXPECT_EQ(get("/v1/sessions").json()["sessions"][0]["id"], id);
+  EXPECT_TRUE(get("/v1/preview").body.starts_with("\x89PNG"));
+  EXPECT_THAT(get("/metrics").body, HasSubstr("lightrig_sessions_done_total 1\n"));
+  EXPECT_FALSE(end["lamp_may_be_on"].get<bool>());
+}
+
+TEST_F(ServiceStory, SendsEveryJournalEventOnceAndInOrder) {
+  RawConnection events(socket_);
+  events.send("GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  arm();
+  start();
+  wait_for_state("done");
+  const std::string text = events.receive("\"state\":\"done\"", 10s);
+  std::size_t at = 0;
+  int next_id = 0;
+  while ((at = text.find("\nid: ", at)) != std::string::npos || next_id == 0) {
+    if (at == std::string::npos) break;
+    const int id = std::atoi(text.c_str() + at + 5);
+    if (next_id != 0) EXPECT_EQ(id, next_id);
+    next_id = id + 1;
+    ++at;
+  }
+  EXPECT_GT(next_id, 5) << text.substr(0, 400);
+  EXPECT_THAT(text, HasSubstr("event: shot"));
+  EXPECT_THAT(text, HasSubstr("event: progress"));
+}
+
+TEST_F(ServiceStory, StartsOneSessionForRequestsRepeatedUnderOneKey) {
+  arm();
+  const std::string first = start(R"({"key":"k1"})");
+  EXPECT_EQ(start(R"({"key":"k1"})"), first);
+  const RawReply other = post("/v1/sessions", R"({"key":"k2"})");
+  EXPECT_EQ(other.status, 409) << "another session while one runs: " << other.body;
+  wait_for_state("done");
+}
+
+TEST_F(ServiceStory, AbortsAtOnceAndStaysUnarmed) {
+  begin(1);  // real time: the session would take minutes
+  arm();
+  start();
+  wait_for([](const Json& now) { return now["state"] == "capturing"; });
+  std::this_thread::sleep_for(200ms);
+  const auto asked = Clock_::now();
+  const RawReply reply = post("/v1/abort", R"({"reason":"test"})");
+  EXPECT_EQ(reply.status, 200);
+  EXPECT_LT(Clock_::now() - asked, 200ms);
+  const Json end = wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  EXPECT_EQ(end["state"], "aborted");
+  EXPECT_EQ(end["session"]["state"], "aborted");
+  EXPECT_THAT(end["session"]["reason"].get<std::string>(), HasSubstr("tester: test"));
+  EXPECT_FALSE(end["lamp_may_be_on"].get<bool>());
+  EXPECT_EQ(post("/v1/home").status, 409) << "nothing moves after an abort";
+}
+
+TEST_F(ServiceStory, PausesResumesAndGoesOnToTheSameResult) {
+  begin(20);
+  arm();
+  const std::string id = start();
+  wait_for([](const Json& now) { return now["state"] == "capturing"; });
+  EXPECT_EQ(post("/v1/sessions/" + id + "/pause").status, 202);
+  const Json paused = wait_for([](const Json& now) { return now["state"] == "paused"; });
+  EXPECT_THAT(paused["session"]["reason"].get<std::string>(), HasSubstr("tester"));
+  EXPECT_EQ(post("/v1/sessions/" + id + "/pause").status, 202) << "pausing twice is no error";
+  EXPECT_EQ(post("/v1/sessions/" + id + "/stop").status, 202);
+  const Json end = wait_for_state("done");
+  EXPECT_LT(end["session"]["shots_done"].get<int>(), end["session"]["shots_total"].get<int>());
+}
+
+TEST_F(ServiceStory, ResumesAnAbortedSessionAfterARestart) {
+  begin(20);
+  arm();
+  const std::string id = start();
+  wait_for([](const Json& now) {
+    return now["session"].is_object() && now["session"]["shots_done"].get<int>() >= 1;
+  });
+  begin(std::numeric_limits<double>::infinity());  // the service stops in the middle, and starts
+  EXPECT_EQ(status()["state"], "unarmed") << "nothing moves by itself after a restart";
+  arm();
+  EXPECT_EQ(post("/v1/sessions/" + id + "/resume").status, 202);
+  const Json end = wait_for_state("done");
+  EXPECT_EQ(end["session"]["id"], id);
+  EXPECT_EQ(end["session"]["shots_done"], end["session"]["shots_total"]);
+}
+
+TEST_F(ServiceStory, HomesAndJogsWithinTheTravelOnly) {
+  arm();
+  EXPECT_EQ(post("/v1/jog", R"({"axis":"azimuth","by_deg":5})").status, 202);
+  Json end = wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  EXPECT_EQ(end["commands"].back()["state"], "failed") << "not homed yet";
+  EXPECT_THAT(end["commands"].back()["message"].get<std::string>(), HasSubstr("home"));
+
+  EXPECT_EQ(post("/v1/home").status, 202);
+  wait_for_state("armed");
+  EXPECT_EQ(post("/v1/jog", R"({"axis":"azimuth","to_deg":30})").status, 202);
+  end = wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  EXPECT_EQ(end["commands"].back()["state"], "done") << end["commands"].back().dump();
+  EXPECT_NEAR(end["devices"]["gantry"]["position"][0].get<double>(), 30 * 3.14159265 / 180, 1e-3);
+
+  EXPECT_EQ(post("/v1/jog", R"({"axis":"azimuth","to_deg":175})").status, 202);
+  end = wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  EXPECT_THAT(end["commands"].back()["message"].get<std::string>(),
+              HasSubstr("outside its travel"));
+  EXPECT_EQ(post("/v1/jog", R"({"axis":"tilt","by_deg":5})").status, 422);
+  EXPECT_EQ(post("/v1/jog", R"({"axis":"azimuth","by_mm":5})").status, 422);
+}
+
+TEST_F(ServiceStory, LocksOutOthersButNeverAnAbort) {
+  const std::string other =
+      "X-Lightrig: 1\r\nContent-Type: application/json\r\n"
+      "X-Lightrig-Client: somebody\r\n";
+  EXPECT_EQ(post("/v1/lock", R"({"note":"aligning"})").status, 200);
+  const RawReply held = post("/v1/arm", "{}", other);
+  EXPECT_EQ(held.status, 423);
+  EXPECT_THAT(held.body, HasSubstr("tester: aligning"));
+  EXPECT_EQ(post("/v1/abort", "{}", other).status, 200);
+  EXPECT_EQ(post("/v1/unlock", "{}", other).status, 409);
+  EXPECT_EQ(post("/v1/unlock", R"({"force":true})", other).status, 200);
+  EXPECT_EQ(post("/v1/arm", "{}", other).status, 202);
+}
+
+TEST_F(ServiceStory, RefusesABadSessionFileWithItsDiagnosticsAndStaysArmed) {
+  arm();
+  const RawReply reply = post("/v1/sessions", R"({"session_toml":"[object]\nshpae = 'sphere'\n"})");
+  EXPECT_EQ(reply.status, 422);
+  EXPECT_THAT(reply.body, HasSubstr("shpae"));
+  EXPECT_EQ(status()["state"], "armed");
+}
+
+TEST_F(ServiceStory, RefusesASecondServiceOnTheSameRootOrSocket) {
+  HostSettings settings;
+  settings.service.rig = small_rig(folder_.path());
+  settings.service.simulate = true;
+  settings.socket = folder_.path() / "other.sock";
+  settings.use_activated_sockets = false;
+  auto second = Host::start(settings, log_);
+  ASSERT_FALSE(second);
+  EXPECT_THAT(second.error().message, HasSubstr("session root"));
+  settings.service.rig.session_root = folder_.path() / "other";
+  settings.socket = socket_;
+  second = Host::start(settings, log_);
+  ASSERT_FALSE(second);
+  EXPECT_THAT(second.error().message, HasSubstr("another lightrigd"));
+  EXPECT_EQ(status()["state"], "unarmed") << "the first one is unharmed";
+}
+
+}  // namespace
+}  // namespace lightrig
