@@ -1,1 +1,3 @@
-int main() { return 2; }
+#include "cli/command_line.h"
+
+int main(int argc, char** argv) { return lightrig::cli::run(argc, argv); }

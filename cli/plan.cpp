@@ -1,0 +1,227 @@
+// plan and dry-run: what a session will do, before anything moves.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "cli/json_fields.h"
+#include "cli/left_out.h"
+#include "cli/rig_files.h"
+#include "cli/say.h"
+#include "cli/verbs.h"
+#include "daemon/session/capture_time.h"
+#include "daemon/session/durable_file.h"
+#include "daemon/session/plan_json.h"
+#include "daemon/session/prepare.h"
+#include "daemon/session/session_folder.h"
+
+namespace lightrig::cli {
+namespace {
+
+// What the command line says goes before what the files say.
+SessionSpec with_options(SessionSpec spec, const PlanOptions& options) {
+  if (options.criterion == "condition") spec.plan.criterion = Criterion::condition;
+  if (options.criterion == "a-optimal") spec.plan.criterion = Criterion::a_optimal;
+  if (options.stop == "literal") spec.plan.stop = StopRule::literal;
+  if (options.stop == "plateau") spec.plan.stop = StopRule::plateau;
+  if (options.stop == "count") spec.plan.stop = StopRule::count;
+  if (options.lights) {
+    spec.plan.max_lights = *options.lights;
+    // So many lights are wanted, not "at most, if the plateau does not come first".
+    if (options.stop.empty()) spec.plan.stop = StopRule::count;
+  }
+  return spec;
+}
+
+double degrees(double radians) { return radians * 180 / std::numbers::pi; }
+
+std::string axis_value(const Axis& axis, double value) {
+  return axis.rotary ? fmt::format("{:.1f}°", degrees(value))
+                     : fmt::format("{:.1f} mm", value * 1e3);
+}
+
+std::string light_table(const Rig& rig, const Plan& plan) {
+  std::vector<std::string> heads{"light", "visit"};
+  for (const Axis& axis : rig.gantry.model.axes) heads.push_back(axis.name);
+  for (const char* head : {"new cells", "rank", "κ²", "predicted error"}) heads.emplace_back(head);
+  std::vector<std::vector<std::string>> rows;
+  for (std::size_t i = 0; i < plan.shots.size(); ++i) {
+    const Shot& shot = plan.shots[i];
+    const auto visit =
+        std::find(plan.visit_order.begin(), plan.visit_order.end(), static_cast<int>(i));
+    std::vector<std::string> row{
+        shot_name(plan, static_cast<int>(i)),
+        std::to_string(std::distance(plan.visit_order.begin(), visit) + 1)};
+    for (std::size_t a = 0; a < rig.gantry.model.axes.size(); ++a)
+      row.push_back(
+          axis_value(rig.gantry.model.axes[a], shot.gantry.axes[static_cast<Eigen::Index>(a)]));
+    if (shot.held_out) {
+      for (const char* cell : {"–", "–", "–", "held out"}) row.emplace_back(cell);
+    } else {
+      row.push_back(std::to_string(shot.selection.new_cells));
+      row.push_back(std::to_string(shot.selection.rank));
+      row.push_back(figure(shot.selection.condition));
+      row.push_back(percent(shot.selection.predicted_error_percent));
+    }
+    rows.push_back(std::move(row));
+  }
+  return table(heads, rows);
+}
+
+std::string cost_table(const std::vector<StageCost>& cost) {
+  std::vector<std::vector<std::string>> rows;
+  double sum = 0;
+  for (const StageCost& stage : cost) {
+    rows.push_back({stage.stage, fmt::format("{:.3f}", stage.seconds)});
+    sum += stage.seconds;
+  }
+  rows.push_back({"all", fmt::format("{:.3f}", sum)});
+  return table({"stage", "seconds"}, rows);
+}
+
+std::string plan_words(const Rig& rig, const Prepared& prepared) {
+  const Plan& plan = prepared.plan;
+  const auto fitted = std::count_if(plan.shots.begin(), plan.shots.end(),
+                                    [](const Shot& shot) { return !shot.held_out; });
+  const char* criterion =
+      plan.criterion == Criterion::condition ? "condition (κ² = λmax/λmin of GᵀG)" : "a-optimal";
+  std::string words =
+      fmt::format("object     {}\ncriterion  {}\n", prepared.object.description, criterion);
+  words +=
+      fmt::format("basis      {} components of {} materials ({}), {:.2f} % of their variance\n",
+                  prepared.plan_basis.components(), prepared.plan_basis.materials,
+                  prepared.plan_basis.source, 100 * prepared.plan_basis.variance_captured);
+  words +=
+      fmt::format("lights     {} of {} candidates, and {} held out; capture takes {}\n", fitted,
+                  prepared.candidates.size(), plan.shots.size() - static_cast<std::size_t>(fitted),
+                  duration(plan.predicted_capture_time));
+  words += fmt::format("zero line  the mean material alone, no light at all: {}\n\n",
+                       percent(plan.mean_only_error_percent));
+  words += light_table(rig, plan) + "\n";
+  words += left_out_table(plan.left_out) + "\n" + cost_table(prepared.cost);
+  for (const std::string& remark : prepared.remarks) words += "remark: " + remark + "\n";
+  return words;
+}
+
+}  // namespace
+
+int plan(const PlanOptions& options) {
+  const RigFiles files = read_rig_files(options.rig, options.session);
+  show_diagnostics(files);
+  if (!files.valid()) return 1;
+  const Rig& rig = *files.rig.value;
+  const SessionSpec spec = with_options(files.spec(), options);
+  const auto prepared = prepare(rig, spec, options.brute_force);
+  if (!prepared) return complain(with_context("plan", prepared.error()));
+  const std::string json = plan_to_json(rig, spec, *prepared);
+  if (!options.output.empty())
+    if (auto written = write_durably(options.output, json); !written)
+      return complain(with_context("write the plan", written.error()));
+  if (!options.svg.empty())
+    return complain(Error{ErrorCode::not_built, "plan --svg is not in this build yet"});
+  say(options.json ? json : plan_words(rig, *prepared));
+  if (!options.output.empty() && !options.json) say("written to " + options.output);
+  return 0;
+}
+
+namespace {
+
+struct AxisRange {
+  double least = std::numeric_limits<double>::infinity(),
+         most = -std::numeric_limits<double>::infinity();
+};
+
+std::vector<AxisRange> axis_ranges(const Plan& plan, std::size_t axes) {
+  std::vector<AxisRange> ranges(axes);
+  for (const Shot& shot : plan.shots)
+    for (std::size_t a = 0; a < axes; ++a) {
+      const double value = shot.gantry.axes[static_cast<Eigen::Index>(a)];
+      ranges[a].least = std::min(ranges[a].least, value);
+      ranges[a].most = std::max(ranges[a].most, value);
+    }
+  return ranges;
+}
+
+// Two bytes a site before compression, for every exposure on offer with ambient and metering.
+double bytes_at_most(const Rig& rig, const Plan& plan) {
+  const double frame = 2.0 * rig.camera.model.width * rig.camera.model.height;
+  double frames = 1;
+  for (const Shot& shot : plan.shots) frames += static_cast<double>(shot.exposures.size()) + 2;
+  return frames * frame;
+}
+
+Json dry_run_json(const Rig& rig, const Plan& plan, const CaptureTime& time) {
+  Json steps = Json::array();
+  for (const ShotTime& step : time.shots)
+    steps.push_back({{"shot", shot_name(plan, step.shot)},
+                     {"move_s", step.move},
+                     {"settle_s", step.settle},
+                     {"warm_up_s", step.warm_up},
+                     {"exposures_s", step.exposures},
+                     {"total_s", step.total()}});
+  Json axes = Json::array();
+  const auto ranges = axis_ranges(plan, rig.gantry.model.axes.size());
+  for (std::size_t a = 0; a < ranges.size(); ++a) {
+    const Axis& axis = rig.gantry.model.axes[a];
+    const double scale = axis.rotary ? 180 / std::numbers::pi : 1e3;
+    axes.push_back({{"axis", axis.name},
+                    {"unit", axis.rotary ? "deg" : "mm"},
+                    {"least", ranges[a].least * scale},
+                    {"most", ranges[a].most * scale},
+                    {"travel_min", axis.min * scale},
+                    {"travel_max", axis.max * scale}});
+  }
+  return {{"dark_s", time.dark},
+          {"steps", std::move(steps)},
+          {"total_s", time.total()},
+          {"axes", std::move(axes)},
+          {"bytes_at_most", bytes_at_most(rig, plan)}};
+}
+
+std::string dry_run_words(const Rig& rig, const Plan& plan, const CaptureTime& time) {
+  std::vector<std::vector<std::string>> rows;
+  const auto seconds = [](double value) { return fmt::format("{:.1f}", value); };
+  double sum = time.dark;
+  rows.push_back({"dark frames", "", "", "", seconds(time.dark), seconds(sum), ""});
+  for (const ShotTime& step : time.shots) {
+    const Shot& shot = plan.shots[static_cast<std::size_t>(step.shot)];
+    sum += step.total();
+    rows.push_back({shot_name(plan, step.shot), seconds(step.move), seconds(step.settle),
+                    seconds(step.warm_up), seconds(step.exposures), seconds(sum),
+                    shot.held_out ? "held out" : percent(shot.selection.predicted_error_percent)});
+  }
+  std::string words = table(
+      {"step", "move s", "settle s", "warm-up s", "expose s", "elapsed s", "predicted error*"},
+      rows);
+  words += "* with this light and all selected before it\n\n";
+  rows.clear();
+  const auto ranges = axis_ranges(plan, rig.gantry.model.axes.size());
+  for (std::size_t a = 0; a < ranges.size(); ++a) {
+    const Axis& axis = rig.gantry.model.axes[a];
+    rows.push_back({axis.name, axis_value(axis, ranges[a].least), axis_value(axis, ranges[a].most),
+                    axis_value(axis, axis.min), axis_value(axis, axis.max)});
+  }
+  words += table({"axis", "least", "most", "travel from", "to"}, rows);
+  words += fmt::format("\ntotal      {} without homing\nstorage    {} at most\n",
+                       duration(time.total()), bytes(bytes_at_most(rig, plan)));
+  return words;
+}
+
+}  // namespace
+
+int dry_run(const DryRunOptions& options) {
+  const RigFiles files = read_rig_files(options.rig, options.session);
+  show_diagnostics(files);
+  if (!files.valid()) return 1;
+  const Rig& rig = *files.rig.value;
+  const auto prepared = prepare(rig, files.spec());
+  if (!prepared) return complain(with_context("plan", prepared.error()));
+  const CaptureTime time = capture_time(rig, files.spec(), prepared->plan);
+  say(options.json ? dry_run_json(rig, prepared->plan, time).dump()
+                   : dry_run_words(rig, prepared->plan, time));
+  return 0;
+}
+
+}  // namespace lightrig::cli

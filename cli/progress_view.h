@@ -1,0 +1,29 @@
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace lightrig::cli {
+
+/// One line on how a session stands, at most `width` columns: bar, percent, time left, predicted
+/// error, what is happening. `progress` is the event "progress" or the session of /v1/status.
+std::string progress_line(const nlohmann::ordered_json& progress, int width);
+
+/// Shows progress: one line rewritten in place on a terminal, else a plain line whenever a shot is
+/// done or the activity's kind changes.
+class ProgressView {
+ public:
+  ProgressView(bool terminal, int width) : terminal_(terminal), width_(width) {}
+  void show(const nlohmann::ordered_json& progress);
+  /// A line of its own, above the bar.
+  void note(const std::string& line);
+  void end();
+
+ private:
+  bool terminal_;
+  int width_;
+  bool drawn_ = false;
+  std::string last_;
+};
+
+}  // namespace lightrig::cli

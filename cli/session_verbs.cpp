@@ -1,0 +1,214 @@
+// The verbs that work on a session's folder, with or without a service.
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <thread>
+
+#include "cli/json_fields.h"
+#include "cli/say.h"
+#include "cli/verbs.h"
+#include "daemon/session/compare.h"
+#include "daemon/session/durable_file.h"
+#include "daemon/session/reduction.h"
+#include "daemon/session/session.h"
+
+namespace lightrig::cli {
+namespace {
+
+int threads_of(int asked) {
+  return asked > 0 ? asked : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+}
+
+std::string curve_table(const Json& curve) {
+  std::vector<std::vector<std::string>> rows;
+  for (const Json& point : curve)
+    rows.push_back({fmt::format("{}", point.value("lights", 0)),
+                    duration(number(point, "elapsed_s")),
+                    percent(number(point, "predicted_error_percent")),
+                    percent(number(point, "held_out_error_percent")),
+                    percent(number(point, "true_error_percent"))});
+  return table({"lights", "elapsed", "predicted error", "held-out light", "true error"}, rows);
+}
+
+std::string baseline_words(const Json& baselines) {
+  std::string words;
+  const Json& mean = part(baselines, "mean_only");
+  words += fmt::format("mean material alone, no light  {} ({})\n", percent(number(mean, "percent")),
+                       text(mean, "against") == "reference" ? "true" : "predicted");
+  const Json& random = part(baselines, "random_lights");
+  if (random.is_object())
+    words += fmt::format(
+        "as many random lights          {} by MAP, {} by the published estimator (median of {})\n",
+        percent(number(random, "map_percent")), percent(number(random, "pseudo_inverse_percent")),
+        random.value("sets", 0));
+  return words;
+}
+
+std::string left_out_words(const Json& left_out) {
+  std::vector<std::vector<std::string>> rows;
+  std::string drivers;
+  for (const auto& [name, line] : left_out.items()) {
+    if (name == "drivers_not_opened") {
+      for (const Json& driver : line)
+        drivers += fmt::format("{}{}", drivers.empty() ? "drivers not opened: " : ", ",
+                               driver.get<std::string>());
+      continue;
+    }
+    rows.push_back({name, fmt::format("{}", line.value("left_out", std::int64_t{0})),
+                    line.contains("done") && line["done"].is_number() ? line["done"].dump() : "",
+                    text(line, "why")});
+  }
+  for (auto& row : rows)  // the reason reads better beside its line than in a column of its own
+    if (!row[3].empty()) row[0] = fmt::format("{} ({})", row[0], row[3]);
+  return table({"not needed by this scene", "left out", "done"}, rows) +
+         (drivers.empty() ? "" : drivers + "\n");
+}
+
+std::string seconds_table(const Json& seconds) {
+  std::vector<std::vector<std::string>> rows;
+  for (const auto& [stage, value] : seconds.items())
+    if (value.is_number()) rows.push_back({stage, fmt::format("{:.3f}", value.get<double>())});
+  return table({"stage", "seconds"}, rows);
+}
+
+std::string plan_costs(const std::filesystem::path& session) {
+  const auto plan_text = read_file(session / "plan.json");
+  if (!plan_text) return {};
+  const Json plan = Json::parse(*plan_text, nullptr, false);
+  if (!plan.is_object()) return {};
+  std::vector<std::vector<std::string>> rows;
+  for (const auto& [stage, value] : part(part(plan, "cost"), "stages_s").items())
+    if (value.is_number()) rows.push_back({stage, fmt::format("{:.3f}", value.get<double>())});
+  return rows.empty() ? "" : table({"planning", "seconds"}, rows) + "\n";
+}
+
+std::string result_words(const std::filesystem::path& session, const Json& json) {
+  std::string words = fmt::format("session {} of {}: {}\n\n", text(json, "session"),
+                                  text(json, "object"), text(json, "state"));
+  words += curve_table(part(json, "curve")) + "\n";
+  const Json& interval = part(json, "predicted_interval_90_percent");
+  words += fmt::format("predicted error                {}",
+                       percent(number(json, "predicted_error_percent")));
+  if (interval.is_array() && interval.size() == 2 && interval[0].is_number() &&
+      interval[1].is_number())
+    words += fmt::format(" (90 % within {} … {})", percent(interval[0].get<double>()),
+                         percent(interval[1].get<double>()));
+  const Json& error = part(json, "error");
+  if (error.is_object())
+    words += fmt::format("\ntrue error                     {} in ln f, {} linear cosine-weighted",
+                         percent(number(error, "percent_log")),
+                         percent(number(error, "percent_linear_cos")));
+  words += fmt::format("\n{}\n", baseline_words(part(json, "baselines")));
+  words += left_out_words(part(json, "left_out")) + "\n" + plan_costs(session) +
+           seconds_table(part(part(json, "cost"), "seconds"));
+  for (const Json& warning : part(json, "warnings"))
+    if (warning.is_string()) words += "warning: " + warning.get<std::string>() + "\n";
+  const std::filesystem::path folder = session / "result";
+  words += fmt::format("\nfiles   {}\nreport  {}\nBRDF    {}\n", session.string(),
+                       (folder / "report.html").string(), (folder / "brdf.binary").string());
+  return words;
+}
+
+}  // namespace
+
+int result(const std::string& session, bool json) {
+  const std::filesystem::path path = std::filesystem::path(session) / "result" / "result.json";
+  const auto file = read_file(path);
+  if (!file)
+    return complain(fmt::format("{} has no result ({}); lightrig reduce {} computes it", session,
+                                file.error().message, session));
+  if (json) {
+    say(*file);
+    return 0;
+  }
+  const Json parsed = Json::parse(*file, nullptr, false);
+  if (!parsed.is_object()) return complain(path.string() + " is damaged: it is not JSON");
+  say(result_words(session, parsed));
+  return 0;
+}
+
+int reduce(const ReduceOptions& options) {
+  const auto summary = reduce_session(options.session, options.output, threads_of(options.threads));
+  if (!summary) return complain(with_context("reduce " + options.session, summary.error()));
+  if (options.json) {
+    Json json{{"result", summary->result.string()},
+              {"mean_only_error_percent", summary->mean_only_error_percent}};
+    if (!summary->curve.empty())
+      json["predicted_error_percent"] = summary->curve.back().predicted_error_percent;
+    if (summary->has_truth) json["true_error_percent"] = summary->true_error.percent_log;
+    say(json.dump());
+    return 0;
+  }
+  std::vector<std::vector<std::string>> rows;
+  for (const StageCost& stage : summary->cost)
+    rows.push_back({stage.stage, fmt::format("{:.3f}", stage.seconds)});
+  say(table({"stage", "seconds"}, rows));
+  if (!summary->curve.empty())
+    say("predicted error " + percent(summary->curve.back().predicted_error_percent));
+  if (summary->has_truth) say("true error      " + percent(summary->true_error.percent_log));
+  say("result in " + summary->result.string());
+  return 0;
+}
+
+int verify(const ReduceOptions& options) {
+  const auto report = verify_session(options.session, threads_of(options.threads));
+  if (!report) return complain(with_context("verify " + options.session, report.error()));
+  if (options.json) {
+    say(Json{{"sound", report->sound}, {"findings", report->findings}, {"summary", report->summary}}
+            .dump());
+    return report->sound ? 0 : 1;
+  }
+  for (const std::string& finding : report->findings) complain(finding);
+  say(report->summary);
+  return report->sound ? 0 : 1;
+}
+
+int retake(const std::string& session, const std::string& shot) {
+  if (auto done = retake_shot(SessionFolder{session}, shot); !done)
+    return complain(with_context("retake " + shot, done.error()));
+  say(fmt::format(
+      "{} is open again; its frames are kept in rejected/. lightrig resume takes it anew", shot));
+  return 0;
+}
+
+int compare(const CompareOptions& options) {
+  const auto a = load_brdf(options.a);
+  if (!a) return complain(a.error());
+  const auto b = load_brdf(options.b);
+  if (!b) return complain(b.error());
+  const auto comparison = lightrig::compare(*a, *b, options.floor, threads_of(0));
+  if (!comparison) return complain(with_context("compare", comparison.error()));
+  const BrdfError& error = comparison->error;
+  if (!options.picture.empty())
+    if (auto written = write_durably(options.picture, comparison->png); !written)
+      return complain(with_context("write the picture", written.error()));
+  if (options.json) {
+    say(Json{{"percent_log", error.percent_log},
+             {"percent_linear_cos", error.percent_linear_cos},
+             {"median_abs_log", error.median_abs_log},
+             {"cells", error.cells},
+             {"mean_ratio", comparison->mean_ratio},
+             {"percent_log_scaled", comparison->percent_log_scaled}}
+            .dump());
+    return 0;
+  }
+  say(table(
+      {fmt::format("{} against {}", options.a, options.b), ""},
+      {{"error in ln f, floor " + figure(options.floor) + " 1/sr", percent(error.percent_log)},
+       {"the same after one common factor", percent(comparison->percent_log_scaled)},
+       {"that factor", figure(comparison->mean_ratio)},
+       {"linear, cosine-weighted", percent(error.percent_linear_cos)},
+       {"median |ln a − ln b|", figure(error.median_abs_log)},
+       {"cells compared", std::to_string(error.cells)}}));
+  if (!options.picture.empty()) say("picture in " + options.picture);
+  return 0;
+}
+
+int export_merl(const std::string& session, const std::string& output) {
+  if (auto done = lightrig::export_merl(session, output); !done)
+    return complain(with_context("export", done.error()));
+  say("written to " + output);
+  return 0;
+}
+
+}  // namespace lightrig::cli

@@ -1,0 +1,124 @@
+// start and watch: a session as it goes, for a person or a script.
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+
+#include "cli/json_fields.h"
+#include "cli/progress_view.h"
+#include "cli/say.h"
+#include "cli/service_client.h"
+#include "cli/verbs.h"
+#include "daemon/session/durable_file.h"
+
+namespace lightrig::cli {
+namespace {
+
+bool has_ended(const std::string& state) {
+  return state == "done" || state == "aborted" || state == "faulted" || state == "refused" ||
+         state == "captured";
+}
+
+int tell_end(const Json& session, bool json) {
+  const std::string state = text(session, "state");
+  if (json) say(session.dump());
+  if (state != "done")
+    return complain(fmt::format("session {}: {}{}{}", text(session, "id"), state,
+                                text(session, "reason").empty() ? "" : ": ",
+                                text(session, "reason")));
+  if (json) return 0;
+  std::string words = fmt::format("session {} is done after {} lights", text(session, "id"),
+                                  session.value("shots_done", 0));
+  if (session["predicted_error_percent"].is_number())
+    words += fmt::format(", predicted error {}",
+                         percent(session["predicted_error_percent"].get<double>()));
+  if (session["true_error_percent"].is_number())
+    words += fmt::format(", true error {}", percent(session["true_error_percent"].get<double>()));
+  say(words);
+  say("result in " + text(session, "result"));
+  return 0;
+}
+
+// Follows a session to its end: its events for the screen, the state for the verdict.
+int follow(const ServiceClient& client, const std::string& id, bool json) {
+  ProgressView view(on_terminal(), terminal_width());
+  Json last = nullptr;
+  std::string state;
+  const auto on_event = [&](std::string_view event, const Json& data) {
+    if (event == "state" && data.contains("session") && data["session"].is_object()) {
+      last = data["session"];
+      if (!id.empty() && text(last, "id") != id) return true;
+      if (!json && text(last, "state") != state) {
+        state = text(last, "state");
+        const std::string reason = text(last, "reason");
+        view.note(state + (reason.empty() ? "" : ": " + reason));
+      }
+      return !has_ended(text(last, "state"));
+    }
+    if (event == "progress") {
+      if (json)
+        say(data.dump());
+      else
+        view.show(data);
+    }
+    return true;
+  };
+  const auto read = client.events("/v1/events", on_event);
+  view.end();
+  if (!read) return complain(read.error());
+  return tell_end(last, json);
+}
+
+Result<Json> start_request(const StartOptions& options) {
+  Json body = Json::object();
+  if (!options.session.empty()) {
+    std::error_code error;
+    const auto path = std::filesystem::canonical(options.session, error);
+    if (error)
+      return fail(ErrorCode::not_found, fmt::format("cannot read the session file {}: {}",
+                                                    options.session, error.message()));
+    body["session_path"] = path.string();
+  }
+  if (!options.plan.empty()) {
+    const auto plan = read_file(options.plan);
+    if (!plan) return tl::unexpected(with_context("read the plan", plan.error()));
+    Json json = Json::parse(*plan, nullptr, false);
+    if (!json.is_object())
+      return fail(ErrorCode::invalid_input, fmt::format("{} is not a plan.json", options.plan));
+    body["plan"] = std::move(json);
+  }
+  return body;
+}
+
+}  // namespace
+
+int start(const StartOptions& options) {
+  const auto body = start_request(options);
+  if (!body) return complain(body.error());
+  const ServiceClient client(options.service);
+  const auto reply = client.post("/v1/sessions", *body);
+  if (!reply) return complain(reply.error());
+  const std::string id = text(*reply, "id");
+  if (!options.wait) {
+    say(options.service.json ? reply->dump()
+                             : fmt::format("session {} has begun; lightrig watch follows it", id));
+    return 0;
+  }
+  if (!options.service.json) say("session " + id);
+  return follow(client, id, options.service.json);
+}
+
+int watch(const ServiceOptions& options) {
+  const ServiceClient client(options);
+  const auto status = client.get_json("/v1/status");
+  if (!status) return complain(status.error());
+  if (!status->contains("session") || !(*status)["session"].is_object()) {
+    say("no session is under way; lightrig start begins one");
+    return 0;
+  }
+  const Json& session = (*status)["session"];
+  if (has_ended(text(session, "state"))) return tell_end(session, options.json);
+  return follow(client, text(session, "id"), options.json);
+}
+
+}  // namespace lightrig::cli

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lightrig::cli {
+
+// What a person typed after each verb, and what answers it. Every verb returns the exit code:
+// 0 done, 1 it failed (the reason is on standard error), 2 usage.
+
+struct CheckOptions {
+  std::string rig, session;
+  bool print = false, json = false;
+};
+int check(const CheckOptions& options);
+
+struct PlanOptions {
+  std::string rig, session, output, criterion, stop, svg;
+  std::optional<int> lights;
+  bool brute_force = false, json = false;
+};
+int plan(const PlanOptions& options);
+
+struct DryRunOptions {
+  std::string rig, session;
+  bool json = false;
+};
+int dry_run(const DryRunOptions& options);
+
+struct DevicesOptions {
+  std::string rig;
+  bool json = false;
+};
+int devices(const DevicesOptions& options);
+
+/// How to reach the service, and as whom.
+struct ServiceOptions {
+  std::string socket, as;
+  bool json = false;
+};
+
+struct StartOptions {
+  ServiceOptions service;
+  std::string session, plan;
+  bool wait = false;
+};
+int start(const StartOptions& options);
+int watch(const ServiceOptions& options);
+int status(const ServiceOptions& options);
+
+/// Commands that end by themselves: arm, disarm, clear, home.
+int command(const ServiceOptions& options, const std::string& verb);
+
+struct JogOptions {
+  ServiceOptions service;
+  std::string axis;
+  double amount = 0;  ///< [deg] or [mm]
+  bool to = false;    ///< an absolute position rather than a step
+};
+int jog(const JogOptions& options);
+
+/// pause, resume, stop; an empty id means the session in hand.
+int steer(const ServiceOptions& options, const std::string& verb, const std::string& id);
+int abort(const ServiceOptions& options, const std::string& reason);
+int lock(const ServiceOptions& options, const std::string& note);
+int unlock(const ServiceOptions& options, bool force);
+int sessions(const ServiceOptions& options);
+int snap(const ServiceOptions& options, const std::string& output);
+int log_level(const ServiceOptions& options, const std::string& level);
+
+struct ReduceOptions {
+  std::string session, output;
+  int threads = 0;
+  bool json = false;
+};
+int reduce(const ReduceOptions& options);
+int verify(const ReduceOptions& options);
+int result(const std::string& session, bool json);
+int retake(const std::string& session, const std::string& shot);
+
+struct CompareOptions {
+  std::string a, b, picture;
+  double floor = 1e-4;
+  bool json = false;
+};
+int compare(const CompareOptions& options);
+int export_merl(const std::string& session, const std::string& output);
+
+int materials_list(bool json);
+int materials_info(const std::string& name, bool json);
+int materials_import(const std::string& directory, const std::string& output);
+
+int backends(bool json);
+
+/// Shell completion script of "bash", "zsh" or "fish", from the verbs and options of this program.
+int completion(const std::string& shell, const std::vector<std::string>& verbs);
+
+}  // namespace lightrig::cli
