@@ -81,6 +81,20 @@ std::string cost_table(const std::vector<StageCost>& cost) {
   return table({"stage", "seconds"}, rows);
 }
 
+// What was held out was asked for: its number is enough. Everything else is news.
+std::string remark_words(const std::vector<std::string>& remarks) {
+  std::string words;
+  int held_out = 0;
+  for (const std::string& remark : remarks) {
+    if (remark.ends_with("held out, as asked"))
+      ++held_out;
+    else
+      words += fmt::format("remark: {}\n", remark);
+  }
+  if (held_out > 0) words += fmt::format("remark: {} materials held out, as asked\n", held_out);
+  return words;
+}
+
 std::string plan_words(const Rig& rig, const Prepared& prepared) {
   const Plan& plan = prepared.plan;
   const auto fitted = std::count_if(plan.shots.begin(), plan.shots.end(),
@@ -101,8 +115,7 @@ std::string plan_words(const Rig& rig, const Prepared& prepared) {
                        percent(plan.mean_only_error_percent));
   words += light_table(rig, plan) + "\n";
   words += left_out_table(plan.left_out) + "\n" + cost_table(prepared.cost);
-  for (const std::string& remark : prepared.remarks) words += "remark: " + remark + "\n";
-  return words;
+  return words + remark_words(prepared.remarks);
 }
 
 }  // namespace

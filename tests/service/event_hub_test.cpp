@@ -26,8 +26,8 @@ struct Listener {
       if (!n || *n == 0) break;
       text.append(buffer.data(), *n);
     }
-    for (auto at = text.find(": "); at == 0; at = text.find(": "))
-      text.erase(0, text.find("\n\n") + 2);
+    for (auto at = text.find(": lightrigd"); at != text.npos; at = text.find(": lightrigd"))
+      text.erase(at, text.find("\n\n", at) + 2 - at);
     return text;
   }
 };

@@ -128,7 +128,9 @@ TEST_F(ServiceStory, SendsEveryJournalEventOnceAndInOrder) {
   while ((at = text.find("\nid: ", at)) != std::string::npos || next_id == 0) {
     if (at == std::string::npos) break;
     const int id = std::atoi(text.c_str() + at + 5);
-    if (next_id != 0) EXPECT_EQ(id, next_id);
+    if (next_id != 0) {
+      EXPECT_EQ(id, next_id);
+    }
     next_id = id + 1;
     ++at;
   }
@@ -164,7 +166,7 @@ TEST_F(ServiceStory, AbortsAtOnceAndStaysUnarmed) {
   EXPECT_EQ(post("/v1/home").status, 409) << "nothing moves after an abort";
 }
 
-TEST_F(ServiceStory, PausesResumesAndGoesOnToTheSameResult) {
+TEST_F(ServiceStory, PausesResumesAndStopsAfterAShotWithAResult) {
   begin(20);
   arm();
   const std::string id = start();
@@ -173,9 +175,13 @@ TEST_F(ServiceStory, PausesResumesAndGoesOnToTheSameResult) {
   const Json paused = wait_for([](const Json& now) { return now["state"] == "paused"; });
   EXPECT_THAT(paused["session"]["reason"].get<std::string>(), HasSubstr("tester"));
   EXPECT_EQ(post("/v1/sessions/" + id + "/pause").status, 202) << "pausing twice is no error";
+  EXPECT_EQ(post("/v1/sessions/" + id + "/resume").status, 202);
+  wait_for([](const Json& now) { return now["state"] == "capturing"; });
+  wait_for([](const Json& now) { return now["session"]["shots_done"].get<int>() >= 2; });
   EXPECT_EQ(post("/v1/sessions/" + id + "/stop").status, 202);
   const Json end = wait_for_state("done");
   EXPECT_LT(end["session"]["shots_done"].get<int>(), end["session"]["shots_total"].get<int>());
+  EXPECT_FALSE(end["session"]["result"].is_null());
 }
 
 TEST_F(ServiceStory, ResumesAnAbortedSessionAfterARestart) {

@@ -53,9 +53,10 @@ TEST(StateMachine, AnswersEveryPairAsTheTableSays) {
       const auto row = legal.find({state, event});
       const auto after = next(state, event);
       EXPECT_EQ(after.has_value(), row != legal.end()) << name_of(state) << " + " << name_of(event);
-      if (after && row != legal.end())
+      if (after && row != legal.end()) {
         EXPECT_EQ(*after, row->second)
             << name_of(state) << " + " << name_of(event) << " gave " << name_of(*after);
+      }
     }
 }
 
@@ -78,7 +79,9 @@ TEST(StateMachine, BecomesArmedFromAnUnarmedStateByArmingAlone) {
     if (is_armed(state)) continue;
     for (E event : all_events) {
       const auto after = next(state, event);
-      if (after && is_armed(*after)) EXPECT_EQ(event, E::arm) << name_of(state);
+      if (after && is_armed(*after)) {
+        EXPECT_EQ(event, E::arm) << name_of(state);
+      }
     }
   }
 }
