@@ -2,7 +2,6 @@
 
 #include <toml++/toml.h>
 #include <algorithm>
-#include <cstring>
 #include <string_view>
 
 #include "config/read_bytes.h"
@@ -85,9 +84,7 @@ tl::expected<std::string, Diagnostic> read_text(const std::filesystem::path& fil
     return tl::unexpected(whole_file(file, "cannot read this file: " + bytes.error().message));
   if (bytes->size() > largest_file)
     return tl::unexpected(whole_file(file, "cannot read this file: it is larger than 16 MiB"));
-  std::string text(bytes->size(), '\0');
-  std::memcpy(text.data(), bytes->data(), bytes->size());
-  return text;
+  return std::string(reinterpret_cast<const char*>(bytes->data()), bytes->size());
 }
 
 tl::expected<TomlNode, Diagnostic> parse_toml(const Source& source) {
