@@ -56,6 +56,12 @@ class ConditionChooser final : public LightChooser {
              std::span<const std::int32_t> cells);
   void bound_group(std::size_t group, const CandidateGroups::Distinct& distinct);
   double bound(int candidate) const;
+  /// What is known of a candidate that was decided, kept until one is taken.
+  struct Decision {
+    int candidate = -1, rank = 0;
+    Eigen::MatrixXd R;
+  };
+
   Standing decide(int candidate);
   void decide_deficient(const std::vector<int>& active, std::vector<Standing>& standings);
   Eigen::MatrixXd factor_with(std::span<const std::int32_t> cells) const;
@@ -74,7 +80,8 @@ class ConditionChooser final : public LightChooser {
   std::vector<double> high_;    ///< (candidates) lower bound of λmax
   std::vector<Stage> stage_;
   std::vector<Probe> probe_;  ///< (groups)
-  int rank_ = 0;              ///< of the rows taken
+  std::vector<Decision> decisions_;
+  int rank_ = 0;  ///< of the rows taken
   SelectionStatistics statistics_;
 };
 
@@ -96,9 +103,18 @@ Eigen::MatrixXd ConditionChooser::factor_with(std::span<const std::int32_t> cell
 }
 
 void ConditionChooser::take(int candidate) {
-  const std::vector<std::int32_t> fresh(groups_.fresh(candidate).begin(),
-                                        groups_.fresh(candidate).end());
-  R_ = factor_with(fresh);
+  const auto known = std::find_if(decisions_.begin(), decisions_.end(),
+                                  [&](const Decision& d) { return d.candidate == candidate; });
+  if (known == decisions_.end()) {  // a light captured already: nobody chose it here
+    decide(candidate);
+    --statistics_.exact_evaluations;
+    R_ = decisions_.back().R;
+    rank_ = decisions_.back().rank;
+  } else {
+    R_ = known->R;
+    rank_ = known->rank;
+  }
+  decisions_.clear();
   const std::vector<std::int32_t> added = groups_.take(candidate);
   add_gram(groups_.rows(), added, gram_, vector_level());
   for (Probe& probe : probe_) {
@@ -106,8 +122,6 @@ void ConditionChooser::take(int candidate) {
     probe.low = energy_of_taken(probe.x);
     probe.high = energy_of_taken(probe.y);
   }
-  const Eigen::Index total = Eigen::Index{groups_.seen_cells()} * groups_.rows().per_cell;
-  rank_ = conditioning_of(singular_values(R_), total, k_).rank;
 }
 
 /// The extreme vectors of A + B by QR and triangular solves: for what Cholesky cannot factor.
@@ -118,7 +132,7 @@ ConditionChooser::Probe ConditionChooser::refined_by_qr(int candidate, Probe pro
   for (int i = 0; i < 8; ++i) {
     Eigen::VectorXd z = R.transpose().triangularView<Eigen::Lower>().solve(x);
     z = R.triangularView<Eigen::Upper>().solve(z);
-    const double length = z.norm();
+    const double length = z.stableNorm();
     if (!std::isfinite(length) || !(length > 0)) break;
     x = z / length;
   }
@@ -144,7 +158,7 @@ ConditionChooser::Probe ConditionChooser::refined(int candidate, const Probe& st
   double top = 0;
   for (int i = 0; i < 20; ++i) {
     const Eigen::VectorXd z = A.selfadjointView<Eigen::Lower>() * y;
-    const double length = z.norm();
+    const double length = z.stableNorm();
     if (!(length > 0)) break;
     y = z / length;
     if (length - top <= 1e-3 * length && i >= 2) break;
@@ -157,10 +171,12 @@ ConditionChooser::Probe ConditionChooser::refined(int candidate, const Probe& st
   double last = std::numeric_limits<double>::infinity();
   for (int i = 0; i < 30 && !by_qr; ++i) {
     const Eigen::VectorXd z = cholesky.solve(x);
-    const double square = z.squaredNorm();
-    const double quotient = z.dot(x) / square;
+    const double length = z.stableNorm();  // rows of any size: squares may leave the range
+    by_qr = !(length > 0) || !std::isfinite(length);
+    if (by_qr) break;
+    const double quotient = (z / length).dot(x) / length;
     by_qr = !(quotient > 1e-10 * top);
-    x = z / std::sqrt(square);
+    x = z / length;
     if (last - quotient <= 1e-7 * quotient) break;
     last = quotient;
   }
@@ -217,7 +233,9 @@ Standing ConditionChooser::decide(int candidate) {
   const std::span<const std::int32_t> cells = groups_.fresh(candidate);
   const Eigen::Index total =
       (groups_.seen_cells() + static_cast<Eigen::Index>(cells.size())) * groups_.rows().per_cell;
-  const Conditioning found = conditioning_of(singular_values(factor_with(cells)), total, k_);
+  const Eigen::MatrixXd R = factor_with(cells);
+  const Conditioning found = conditioning_of(singular_values(R), total, k_);
+  decisions_.push_back({candidate, found.rank, R});
   return {candidate, found.rank, found.pseudo_condition};
 }
 
@@ -273,6 +291,7 @@ Standing ConditionChooser::best(const std::vector<std::uint8_t>& open) {
   std::vector<double> bound_of(low_.size(), 0.0);
   for (const int i : active) bound_of[static_cast<std::size_t>(i)] = bound(i);
 
+  decisions_.clear();
   std::vector<Standing> standings;
   Standing leader;  // best of full rank
   const double epsilon = std::numeric_limits<double>::epsilon();

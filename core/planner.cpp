@@ -55,6 +55,21 @@ class Progress {
   void add(std::span<const std::int32_t> cells) {
     const Eigen::MatrixXd G = CellRows(basis_).gather(cells);
     if (G.rows() == 0) return;
+    if (options_.criterion != Criterion::condition) factor(G);
+    const Eigen::MatrixXd Wt = (G * (basis_.stddev / options_.sigma).asDiagonal()).transpose();
+    information_.selfadjointView<Eigen::Lower>().rankUpdate(Wt);
+  }
+
+  /// Not kept under the condition criterion, whose choosers know it themselves.
+  Conditioning conditioning() const {
+    return conditioning_of(singular_values(R_), rows_, basis_.components());
+  }
+  double predicted_error_percent() const {
+    return percent_of(basis_, Eigen::LLT<Eigen::MatrixXd>(information_));
+  }
+
+ private:
+  void factor(const Eigen::MatrixXd& G) {
     rows_ += G.rows();
     Eigen::MatrixXd stacked(R_.rows() + G.rows(), G.cols());
     stacked << R_, G;
@@ -64,18 +79,8 @@ class Progress {
     } else {
       R_ = stacked;
     }
-    const Eigen::MatrixXd Wt = (G * (basis_.stddev / options_.sigma).asDiagonal()).transpose();
-    information_.selfadjointView<Eigen::Lower>().rankUpdate(Wt);
   }
 
-  Conditioning conditioning() const {
-    return conditioning_of(singular_values(R_), rows_, basis_.components());
-  }
-  double predicted_error_percent() const {
-    return percent_of(basis_, Eigen::LLT<Eigen::MatrixXd>(information_));
-  }
-
- private:
   const BrdfBasis& basis_;
   const SelectionOptions& options_;
   Eigen::MatrixXd R_, information_;

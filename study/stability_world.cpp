@@ -1,0 +1,247 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/brdf_basis.h"
+#include "core/candidate_bins.h"
+#include "core/merge_hdr.h"
+#include "core/mesh_repair.h"
+#include "core/route.h"
+#include "core/shapes.h"
+#include "sim/gantry_dynamics.h"
+#include "study/stability_cases.h"
+#include "study/stability_reference.h"
+
+namespace lightrig {
+
+namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+/// The cells that 40 distant or near lights show on a mesh, all vertices in view from +z.
+std::vector<std::int32_t> cells_seen(const Mesh& mesh, double size, bool distant) {
+  SurfacePoints points;
+  points.position = mesh.vertices;
+  points.normal = mesh.normals;
+  points.view = Eigen::Vector3d::UnitZ().replicate(1, mesh.vertices.cols());
+  std::vector<LightPosition> lights;
+  for (int i = 0; i < 40; ++i) {
+    const double a = 0.3 + 0.7 * i, e = 0.2 + 0.03 * i;
+    const Eigen::Vector3d d(std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e));
+    lights.push_back({distant, distant ? d : Eigen::Vector3d(3 * size * d)});
+  }
+  const Occluder occluder(mesh);
+  return bin_candidates(points, lights, {}, {}, GrazingLimits{}, occluder, ShadowRays::needed, 1)
+      .bins.cell;
+}
+
+/// How many places of two lists of cells differ, or the longer length where lengths do.
+double differences(const std::vector<std::int32_t>& a, const std::vector<std::int32_t>& b) {
+  if (a.size() != b.size()) return static_cast<double>(std::max(a.size(), b.size()));
+  double count = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) count += a[i] != b[i] ? 1 : 0;
+  return count;
+}
+
+Material material_of(const char* name, const BivariateGrid& grid, double scale, double fall) {
+  Material material{name, "", "", {grid, Eigen::ArrayXXd(grid.cells(), 1)}};
+  for (int c = 0; c < grid.cells(); ++c) {
+    material.table.f(c, 0) = scale * std::exp(-fall * grid.row_h(c));
+  }
+  return material;
+}
+
+Frame frame_of(std::uint16_t counts, double exposure) {
+  return {{2, 1, {counts, counts}}, exposure, 1};
+}
+
+SensorModel sensor() {
+  SensorModel model;
+  model.bits = 16;
+  model.gain = 1;
+  model.black_level = 100;
+  model.read_noise = 3;
+  model.full_well = 60000;
+  model.min_exposure = 1e-9;
+  model.max_exposure = 1e9;
+  return model;
+}
+
+}  // namespace
+
+std::vector<StabilityCase> geometry_cases() {
+  std::vector<StabilityCase> cases;
+  const Mesh unit = make_torus(1.0, 0.4, 1);
+  for (const bool distant : {true, false}) {
+    const std::vector<std::int32_t> expected = cells_seen(unit, 1, distant);
+    // Powers of two change no digit of a coordinate: every cell must be the same.
+    for (const int power : {-13, 10}) {
+      const double size = std::ldexp(1.0, power);
+      Mesh scaled = unit;
+      scaled.vertices *= size;
+      const std::vector<std::int32_t> found = cells_seen(scaled, size, distant);
+      cases.push_back(judged("geometry",
+                             fmt::format("a torus of {:.1e} m, {} lamp: cells that differ", size,
+                                         distant ? "distant" : "near"),
+                             0, differences(expected, found), 0, 0));
+    }
+  }
+  Mesh broken = make_sphere(1.0, 1);
+  const Eigen::Index t = broken.triangles.cols(), v = broken.vertices.cols();
+  broken.vertices.conservativeResize(3, v + 2);
+  broken.normals.conservativeResize(3, v + 2);
+  broken.vertices.col(v).setConstant(std::nan(""));
+  broken.vertices.col(v + 1) = Eigen::Vector3d(0, 0, 3);
+  broken.normals.rightCols(2).setZero();
+  broken.triangles.conservativeResize(3, t + 4);
+  const int n = static_cast<int>(v);
+  broken.triangles.col(t) = broken.triangles.col(0);       // duplicated
+  broken.triangles.col(t + 1) = Eigen::Vector3i(0, 0, 1);  // degenerate
+  broken.triangles.col(t + 2) = Eigen::Vector3i(0, 1, n);  // not a number
+  broken.triangles.col(t + 3) =
+      Eigen::Vector3i(broken.triangles(0, 0), broken.triangles(1, 0), n + 1);  // a fin
+  const RepairedMesh mended = repaired(broken);
+  cases.push_back(judged("geometry", "degenerate triangles dropped", 1,
+                         mended.repairs.degenerate_triangles, 0, 0));
+  cases.push_back(judged("geometry", "duplicated triangles dropped", 1,
+                         mended.repairs.duplicate_triangles, 0, 0));
+  cases.push_back(judged("geometry", "vertices that are not numbers dropped", 1,
+                         mended.repairs.non_finite_vertices, 0, 0));
+  cases.push_back(
+      judged("geometry", "non-manifold edges said", 1, mended.repairs.non_manifold_edges, 0, 0));
+  cases.push_back(judged("geometry", "a body with a fin is not taken for convex", 0,
+                         Occluder(mended.mesh).convex() ? 1 : 0, 1, 0));
+  const Mesh ball = make_sphere(1.0, 1);
+  cases.push_back(judged("geometry", "a ball is", 1, Occluder(ball).convex() ? 1 : 0, 1, 0));
+  Mesh degenerate = ball;
+  degenerate.triangles.row(2) = degenerate.triangles.row(1);
+  cases.push_back(
+      judged("geometry", "rays against nothing but degenerate triangles: none blocked", 0,
+             Occluder(degenerate).blocked({0, 0, 1}, {0, 0, 1}, {true, {0, 0, 1}}) ? 1 : 0, 0, 0));
+  return cases;
+}
+
+std::vector<StabilityCase> material_cases() {
+  std::vector<StabilityCase> cases;
+  const BivariateGrid grid{12, 6};
+  std::vector<Material> materials = {
+      material_of("mirror-like", grid, 1e8, 8.0), material_of("diffuse", grid, 0.3, 0.0),
+      material_of("black", grid, 1e-9, 0.1),      material_of("range 1e12", grid, 1e4, 2.6),
+      material_of("glossy", grid, 10.0, 0.5),
+  };
+  materials[2].table.f(3, 0) = 0;
+  materials[2].table.f(4, 0) = 5e-324;  // the least denormal
+  materials[1].table.f(7, 0) = std::nan("");
+  materials[4].table.f(8, 0) = -1;
+  BasisOptions options;
+  options.sigma_folds = 0;
+  const Result<BrdfBasis> basis = make_basis(materials, options);
+  cases.push_back(judged("materials", "extreme values: a basis is made", 1, basis ? 1 : 0, 0, 0));
+  if (!basis) return cases;
+  cases.push_back(judged("materials", "and all of it is finite", 1,
+                         basis->V.allFinite() && basis->mean.allFinite() ? 1 : 0, 0, 0));
+  cases.push_back(judged("materials", "a cell that is not a number is masked", 0, basis->valid[7],
+                         std::log(-1.0), 0));
+  const Eigen::Index k = basis->components();
+  const Eigen::MatrixXd VtV = basis->V.transpose() * basis->V;
+  cases.push_back(judged("materials", "components orthonormal: |V'V - I| + 1", 1,
+                         1 + (VtV - Eigen::MatrixXd::Identity(k, k)).norm(), 1, 1e-12));
+  cases.push_back(judged("materials", "ln of 0 is ln of the floor", std::log(options.floor),
+                         map_value(basis->mapping, 3, 0.0), std::log(0.0), 0));
+  // Coefficients far outside the training range: exponents are clipped, and counted.
+  int clipped = 0;
+  const BrdfTable wild = evaluate(*basis, Eigen::MatrixXd::Constant(k, 1, 1e6), &clipped);
+  const bool finite = (wild.f.isFinite() || wild.f.isNaN()).all();
+  cases.push_back(judged("materials", "exp of a wild reconstruction does not overflow", 1,
+                         finite && clipped > 0 ? 1 : 0, std::exp(1e6), 0));
+  return cases;
+}
+
+std::vector<StabilityCase> bracket_cases() {
+  std::vector<StabilityCase> cases;
+  const SensorModel model = sensor();
+  // Radiances that fill each exposure of a bracket of ratio 1e6 to 20,000 electrons in turn.
+  const std::vector<Frame> bright = {frame_of(20100, 1e-6), frame_of(65535, 1.0)};
+  const Result<RadianceImage> one = merge_hdr(bright, {}, model, {});
+  cases.push_back(judged("bracket", "ratio 1e6, the long exposure saturated", 2e10,
+                         one ? double{one->L[0]} : 0, (2e10 + 65435.0) / 2, 1e-6));
+  const std::vector<Frame> dim = {frame_of(100, 1e-6), frame_of(20100, 1.0)};
+  const Result<RadianceImage> two = merge_hdr(dim, {}, model, {});
+  cases.push_back(judged("bracket", "ratio 1e6, the short exposure empty", 2e4,
+                         two ? double{two->L[0]} : 0, (0 + 2e4) / 2, 1e-4));
+  const std::vector<Frame> white = {frame_of(65535, 1e-3), frame_of(65535, 1.0)};
+  const Result<RadianceImage> three = merge_hdr(white, {}, model, {});
+  cases.push_back(judged(
+      "bracket", "every frame saturated: said, with infinite variance", infinity,
+      three && three->site[0] == RadianceImage::Site::saturated ? double{three->variance[0]} : 0, 0,
+      0));
+  const std::vector<Frame> black = {frame_of(100, 1e-3), frame_of(100, 1.0)};
+  const Result<RadianceImage> four = merge_hdr(black, {}, model, {});
+  const bool said = four && four->site[0] == RadianceImage::Site::dark &&
+                    std::isfinite(four->L[0]) && four->L[0] >= 0;
+  cases.push_back(judged("bracket", "every frame black: said, with a finite upper bound", 1,
+                         said ? 1 : 0, std::log(0.0), 0));
+  // Two honest exposures: the inverse-variance mean, shot and read noise as modelled.
+  const std::vector<double> rate = {2000.0 / 0.01, 19900.0 / 0.1};
+  const double level = 1.99e5;
+  const std::vector<double> variance = {(level * 0.01 + 9 + 1.0 / 12) / (0.01 * 0.01),
+                                        (level * 0.1 + 9 + 1.0 / 12) / (0.1 * 0.1)};
+  const std::vector<Frame> both = {frame_of(2100, 0.01), frame_of(20000, 0.1)};
+  const Result<RadianceImage> five = merge_hdr(both, {}, model, {});
+  cases.push_back(judged("bracket", "two good exposures: inverse-variance mean",
+                         reference_weighted_mean(rate, variance), five ? double{five->L[0]} : 0,
+                         (rate[0] + rate[1]) / 2, 1e-6));
+  return cases;
+}
+
+std::vector<StabilityCase> motion_cases() {
+  std::vector<StabilityCase> cases;
+  // Deflection of the arm under a constant push of 1 s, from soft to a million times stiffer.
+  for (const double frequency : {1e-3, 1.0, 1e3, 1e6}) {
+    for (const double damping : {0.02, 5.0}) {
+      const double t = 1.0 + 1e-7;
+      const double reference = reference_arm(frequency, damping, 2.0, t);
+      const sim::ArmState state = sim::arm_after({frequency, damping}, {}, 2.0, t);
+      // The textbook integrator: explicit steps of a millisecond.
+      double q = 0, rate = 0;
+      const double w = 2 * std::numbers::pi * frequency;
+      for (int i = 0; i < 1000; ++i) {
+        const double a = -2.0 - 2 * damping * w * rate - w * w * q;
+        q += 1e-3 * rate;
+        rate += 1e-3 * a;
+      }
+      // The phase ωt itself is rounded: its error is εωt, of a deflection that has decayed.
+      const double phase = w * t * std::exp(-std::min(700.0, damping * w * t));
+      cases.push_back(
+          judged("motion",
+                 fmt::format("arm of {:.0e} Hz, damping {}, one step of 1 s", frequency, damping),
+                 reference, state.deflection, q, 1e-9 + 1e-15 * phase));
+    }
+  }
+  GantryModel gantry;
+  gantry.kinematics = DomeKinematics{Eigen::Vector3d::Zero(), 1.0};
+  gantry.axes = {{"azimuth", true, -3, 3, 1, 2, 0}, {"elevation", true, 0, 1.5, 1, 2, 0}};
+  const auto at = [](double a, double e) {
+    GantryPosition p;
+    p.axes = Eigen::Vector2d(a, e);
+    return p;
+  };
+  std::vector<GantryPosition> stops = {at(1, 0.5), at(1, 0.5), at(1, 0.5), at(0, 0), at(0, 0)};
+  const std::vector<int> order = order_route(gantry, at(0, 0), stops);
+  std::vector<int> sorted = order;
+  std::sort(sorted.begin(), sorted.end());
+  cases.push_back(judged("route", "coincident stops: each is visited once", 1,
+                         sorted == std::vector<int>{0, 1, 2, 3, 4} ? 1 : 0, 0, 0));
+  cases.push_back(judged("route", "coincident stops: one move, no more",
+                         move_time(gantry, at(0, 0), at(1, 0.5)),
+                         route_time(gantry, at(0, 0), stops, order), 0, 1e-12));
+  stops.assign(30, at(1, 0.5));
+  cases.push_back(
+      judged("route", "thirty stops in one place", move_time(gantry, at(0, 0), at(1, 0.5)),
+             route_time(gantry, at(0, 0), stops, order_route(gantry, at(0, 0), stops)), 0, 1e-12));
+  return cases;
+}
+
+}  // namespace lightrig
