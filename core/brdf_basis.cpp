@@ -8,18 +8,11 @@
 #include <cmath>
 #include <limits>
 
+#include "core/basis_training.h"
 #include "core/check.h"
 
 namespace lightrig {
 namespace {
-
-/// Training columns and what is known of them.
-struct Training {
-  Eigen::MatrixXd X;     ///< (rows × n) mapped values, mean removed; 0 in invalid cells
-  Eigen::VectorXd mean;  ///< (rows)
-  Eigen::VectorXd y_min, y_max;
-  std::vector<int> material_of;  ///< (n)
-};
 
 /// One channel of a material, or the mean of all when a mono camera asks for one.
 double training_value(const Material& material, int cell, int channel, int channels) {
@@ -119,21 +112,6 @@ Eigen::MatrixXd gram(const Eigen::MatrixXd& X) {
   return K.selfadjointView<Eigen::Lower>();
 }
 
-/// Eigenvectors of a Gram matrix, largest first, as many as rise above rounding.
-struct GramSpectrum {
-  Eigen::VectorXd lambda;
-  Eigen::MatrixXd U;
-};
-GramSpectrum spectrum(const Eigen::MatrixXd& K, Eigen::Index rows) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(K);
-  const Eigen::VectorXd all = solver.eigenvalues().reverse();
-  const double least =
-      static_cast<double>(rows) * std::numeric_limits<double>::epsilon() * std::max(all[0], 0.0);
-  Eigen::Index rank = 0;
-  while (rank < all.size() && all[rank] > least) ++rank;
-  return {all.head(rank), solver.eigenvectors().rowwise().reverse().leftCols(rank)};
-}
-
 /// V = X U Λ^-½, made orthonormal to rounding: small eigenvalues of a Gram matrix carry relative
 /// errors of ε λ₁/λᵢ, which one Cholesky step on VᵀV takes out.
 Eigen::MatrixXd principal_directions(const Eigen::MatrixXd& X, const GramSpectrum& s,
@@ -153,63 +131,17 @@ Eigen::MatrixXd principal_directions(const Eigen::MatrixXd& X, const GramSpectru
   return V;
 }
 
-/// Inner products after the mean of the training columns is taken from both sides.
-struct CentredGram {
-  Eigen::MatrixXd inner;  ///< (in × in)
-  Eigen::MatrixXd cross;  ///< (in × out)
-  Eigen::VectorXd norm2;  ///< (out) squared norms of the held-out columns
-};
-CentredGram centred(const Eigen::MatrixXd& K, const std::vector<Eigen::Index>& in,
-                    const std::vector<Eigen::Index>& out) {
-  CentredGram g{K(in, in), K(in, out), K.diagonal()(out)};
-  const Eigen::VectorXd row_mean = g.inner.rowwise().mean();
-  const double all_mean = row_mean.mean();
-  const Eigen::RowVectorXd cross_mean = g.cross.colwise().mean();
-  g.inner.colwise() -= row_mean;
-  g.inner.rowwise() -= row_mean.transpose();
-  g.inner.array() += all_mean;
-  g.cross.colwise() -= row_mean;
-  g.cross.rowwise() -= cross_mean;
-  g.cross.array() += all_mean;
-  g.norm2 += (all_mean - 2 * cross_mean.array()).matrix().transpose();
-  return g;
-}
-
-/// What a basis of some materials cannot say of others: the rms, over held-out columns and rows, of
-/// the residual of their best projection, and its spread between materials. All in inner products:
-/// with K = XᵀX no column is formed.
-void set_model_sigma(BrdfBasis& basis, const Eigen::MatrixXd& K, const Training& training,
-                     Eigen::Index valid_rows, int folds) {
-  std::vector<double> mean_square(static_cast<std::size_t>(basis.materials), 0.0);
-  for (int fold = 0; fold < folds; ++fold) {
-    std::vector<Eigen::Index> in, out;
-    for (Eigen::Index j = 0; j < K.cols(); ++j) {
-      const bool held = training.material_of[static_cast<std::size_t>(j)] % folds == fold;
-      (held ? out : in).push_back(j);
-    }
-    if (in.size() < 2 || out.empty()) return;
-    const CentredGram g = centred(K, in, out);
-    const GramSpectrum s = spectrum(g.inner, valid_rows);
-    const Eigen::Index k = std::min(basis.components(), s.lambda.size());
-    const Eigen::MatrixXd c = s.lambda.head(k).cwiseSqrt().cwiseInverse().asDiagonal() *
-                              (s.U.leftCols(k).transpose() * g.cross);
-    for (std::size_t j = 0; j < out.size(); ++j) {
-      const auto column = static_cast<Eigen::Index>(j);
-      const int material = training.material_of[static_cast<std::size_t>(out[j])];
-      mean_square[static_cast<std::size_t>(material)] +=
-          std::max(0.0, g.norm2[column] - c.col(column).squaredNorm());
-    }
-  }
-  const double columns_each = static_cast<double>(K.cols()) / basis.materials;
-  const Eigen::Map<const Eigen::ArrayXd> squares(mean_square.data(), basis.materials);
-  const double mean = squares.mean() / (columns_each * static_cast<double>(valid_rows));
-  if (!(mean > 0)) return;
-  basis.model_sigma = std::sqrt(mean);
-  const Eigen::ArrayXd ln_rms = 0.5 * squares.max(1e-12 * squares.mean()).log();
-  basis.model_sigma_spread = std::sqrt((ln_rms - ln_rms.mean()).square().mean());
-}
-
 }  // namespace
+
+GramSpectrum spectrum(const Eigen::MatrixXd& K, Eigen::Index rows) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(K);
+  const Eigen::VectorXd all = solver.eigenvalues().reverse();
+  const double least =
+      static_cast<double>(rows) * std::numeric_limits<double>::epsilon() * std::max(all[0], 0.0);
+  Eigen::Index rank = 0;
+  while (rank < all.size() && all[rank] > least) ++rank;
+  return {all.head(rank), solver.eigenvectors().rowwise().reverse().leftCols(rank)};
+}
 
 double map_value(const LogMapping& mapping, int cell, double f) {
   switch (mapping.kind) {
@@ -280,8 +212,6 @@ Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOpt
                 fmt::format("{} components asked for, but {} training columns support at most {}",
                             options.components, n, n - 1));
   }
-  const Eigen::Index valid_cells = std::count(basis.valid.begin(), basis.valid.end(), 1);
-  const Eigen::Index valid_rows = valid_cells * (training.X.rows() / basis.grid.cells());
   const Eigen::MatrixXd K = gram(training.X);
   const GramSpectrum s = spectrum(K, training.X.rows());
   const Eigen::Index rank = std::min(s.lambda.size(), n - 1);
@@ -296,10 +226,15 @@ Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOpt
   basis.y_min = training.y_min;
   basis.y_max = training.y_max;
   basis.V = principal_directions(training.X, s, k);
-  basis.stddev = (s.lambda.head(k) / static_cast<double>(n - 1)).cwiseSqrt();
+  basis.training_stddev = (s.lambda.head(k) / static_cast<double>(n - 1)).cwiseSqrt();
+  basis.stddev = basis.training_stddev;
   basis.variance_captured = s.lambda.head(k).sum() / K.trace();
   if (options.sigma_folds >= 2) {
-    set_model_sigma(basis, K, training, valid_rows, options.sigma_folds);
+    const LeaveOut unseen = leave_materials_out(basis, training, K, options.sigma_folds);
+    basis.stddev = unseen.stddev;
+    basis.model_sigma = unseen.model_sigma;
+    basis.unsaid_sigma = unseen.unsaid_sigma;
+    basis.calibration = unseen.calibration;
   }
   return basis;
 }
@@ -309,13 +244,17 @@ BrdfBasis truncated(const BrdfBasis& basis, Eigen::Index k) {
   BrdfBasis out = basis;
   out.V = basis.V.leftCols(k);
   out.stddev = basis.stddev.head(k);
-  const double kept = out.stddev.squaredNorm() / basis.stddev.squaredNorm();
+  const bool trained = basis.training_stddev.size() == basis.components();
+  if (trained) out.training_stddev = basis.training_stddev.head(k);
+  const Eigen::VectorXd& spread = trained ? basis.training_stddev : basis.stddev;
+  const double kept = spread.head(k).squaredNorm() / spread.squaredNorm();
   out.variance_captured = basis.variance_captured * kept;
   // What the dropped components would have said of an unseen material is now unsaid.
   const auto valid_cells = std::count(basis.valid.begin(), basis.valid.end(), 1);
   const double valid_rows = static_cast<double>(valid_cells * (basis.rows() / basis.grid.cells()));
   const double dropped = basis.stddev.tail(basis.components() - k).squaredNorm();
   out.model_sigma = std::hypot(basis.model_sigma, std::sqrt(dropped / valid_rows));
+  out.unsaid_sigma = std::hypot(basis.unsaid_sigma, std::sqrt(dropped / valid_rows));
   return out;
 }
 
@@ -327,11 +266,19 @@ BrdfTable evaluate(const BrdfBasis& basis, const Eigen::MatrixXd& c, int* clippe
   const Eigen::Index channels = stacked ? Eigen::Index{basis.channels} : c.cols();
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   BrdfTable table{basis.grid, Eigen::ArrayXXd::Constant(cells, channels, nan)};
+  // One product for all columns of c where they share their rows.
+  Eigen::MatrixXd all;
+  if (!stacked) all = (basis.V * c).colwise() + basis.mean;
   int count = 0;
   for (int channel = 0; channel < channels; ++channel) {
     const Eigen::Index first = basis.row(0, channel);
-    const Eigen::VectorXd y = basis.mean.segment(first, cells) +
-                              basis.V.middleRows(first, cells) * c.col(c.cols() == 1 ? 0 : channel);
+    Eigen::VectorXd y;
+    if (stacked) {
+      y = basis.mean.segment(first, cells) +
+          basis.V.middleRows(first, cells) * c.col(c.cols() == 1 ? 0 : channel);
+    } else {
+      y = all.col(channel);
+    }
     for (int cell = 0; cell < cells; ++cell) {
       if (!basis.valid[static_cast<std::size_t>(cell)]) continue;
       const Eigen::Index row = first + cell;

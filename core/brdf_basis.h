@@ -38,6 +38,15 @@ enum class ChannelLayout : std::uint8_t {
             ///< same basis
 };
 
+/// From the error that a posterior expects to the error that unseen materials had, found by leaving
+/// materials out: ln(true/expected) ≈ offset + slope · surprise, where surprise = ½ ln(‖c/s‖²/its
+/// expectation) says how unlike the training set the fitted material is.
+struct ErrorCalibration {
+  double slope = 0, offset = 0;
+  double typical_surprise = 0;  ///< mean over held-out materials: stands in before any measurement
+  double spread = 0.4;          ///< standard deviation of what remains, in ln units
+};
+
 /// Statistics of a set of materials: mean and principal components of the mapped values.
 struct BrdfBasis {
   BivariateGrid grid;
@@ -47,14 +56,18 @@ struct BrdfBasis {
   std::vector<std::uint8_t> valid;  ///< (cells): 1 where every training material has a value
   Eigen::VectorXd mean;             ///< (rows); 0 in invalid cells
   Eigen::MatrixXd V;                ///< (rows × k), orthonormal columns; 0 in invalid cells
-  Eigen::VectorXd
-      stddev;  ///< (k): standard deviations of the coefficients over the training set, descending
-  Eigen::VectorXd y_min, y_max;  ///< (rows): training range, to clip exponents to
-  double model_sigma =
-      0.15;  ///< standard deviation of what the basis cannot say of unseen materials, mapped units
-  /// How much that differs between materials: standard deviation, over held-out materials, of the
-  /// ln of their rms residual. Widens the interval of a predicted error.
-  double model_sigma_spread = 0.4;
+  /// (k), descending: standard deviations of the coefficients of unseen materials, by leaving
+  /// materials out; without folds those of the training set, which are too small at the last
+  /// components because these were made to fit.
+  Eigen::VectorXd stddev;
+  Eigen::VectorXd training_stddev;  ///< (k), descending: over the training set itself
+  Eigen::VectorXd y_min, y_max;     ///< (rows): training range, to clip exponents to
+  /// Standard deviation of a row in a fit besides its noise: what the basis cannot say of unseen
+  /// materials, mapped units. The one of least error when materials are left out.
+  double model_sigma = 0.15;
+  /// Root mean square, over the grid, of what no coefficients can say of an unseen material.
+  double unsaid_sigma = 0.15;
+  ErrorCalibration calibration;
   double variance_captured = 0;  ///< [0, 1] by the k components
   int materials = 0;
   std::string source;
@@ -71,7 +84,8 @@ struct BasisOptions {
   Mapping mapping = Mapping::ln_floor;
   double floor = 1e-4;  ///< [1/sr]
   int components = 0;   ///< 0: all that the data support (columns − 1)
-  /// Hold-out folds for model_sigma (leave-materials-out); 0 leaves the default. Folds are over
+  /// Hold-out folds (leave-materials-out) for stddev, model_sigma, unsaid_sigma and calibration; 0
+  /// leaves the training deviations and the defaults. Folds are over
   /// materials, never over the channels of one: material i is in fold i mod sigma_folds.
   int sigma_folds = 5;
   /// 0: as many channels as the materials have; 1: the mean of their channels (a mono camera).

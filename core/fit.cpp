@@ -114,10 +114,10 @@ Posterior fit_pseudo_inverse(const DesignRows& rows, const Eigen::VectorXd& stdd
   return out;
 }
 
-int rank_of(const DesignRows& rows, double tolerance_factor = 1) {
+int rank_of(const DesignRows& rows) {
   if (rows.G.rows() == 0) return 0;
   Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr;
-  qr.setThreshold(tolerance_factor * static_cast<double>(std::max(rows.G.rows(), rows.G.cols())) *
+  qr.setThreshold(static_cast<double>(std::max(rows.G.rows(), rows.G.cols())) *
                   std::numeric_limits<double>::epsilon());
   qr.compute(rows.G);
   return static_cast<int>(qr.rank());
@@ -138,12 +138,20 @@ Coefficients fit(const BrdfBasis& basis, std::span<const BrdfObservations> light
   out.c.resize(basis.components(), columns);
   out.rank = std::numeric_limits<int>::max();
   double squares = 0;
+  Eigen::MatrixXd ranked(0, basis.components());
+  int rank = 0;
   for (int column = 0; column < columns; ++column) {
     const int last = joint ? channels - 1 : column;
     const DesignRows d = design_rows(basis, rows, column, last, map && options.use_censored);
     Posterior p = map ? fit_map(d, basis.stddev, sigma, options.outlier_sigma)
                       : fit_pseudo_inverse(d, basis.stddev, sigma);
-    if (map) p.rank = rank_of(d);
+    if (map) {
+      // Channels mostly see the same cells: one decomposition serves them all.
+      const bool same = d.G.rows() == ranked.rows() && d.G == ranked;
+      p.rank = same ? rank : rank_of(d);
+      rank = p.rank;
+      ranked = d.G;
+    }
     const Eigen::VectorXd predicted = d.G * p.c;
     for (std::size_t i = 0; i < d.y.size(); ++i) {
       const bool value = d.kind[i] == BrdfObservation::Kind::value;

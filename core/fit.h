@@ -54,9 +54,28 @@ Reconstruction reconstruct(const BrdfBasis& basis, const Coefficients& coefficie
 
 /// The percentage error expected of an estimate with this posterior; needs no measurement, so the
 /// planner uses it with c = 0. 100·√(E‖ln f̂ − ln f‖² / E‖ln f‖²): the numerator is the trace of the
-/// posterior over the grid and channels plus what the basis cannot say (model_sigma²), the
-/// denominator ‖ln f̂‖² plus the same. One covariance per column of c.
+/// posterior over the grid and channels plus what the basis cannot say (unsaid_sigma²), times the
+/// basis' calibration; the denominator ‖ln f̂‖² plus the same. One covariance per column of c.
 double predicted_error_percent(const BrdfBasis& basis, std::span<const Eigen::MatrixXd> covariance,
                                const Eigen::MatrixXd& c);
+
+/// What the calibration looks at, summed over the columns of c.
+struct PosteriorSize {
+  Eigen::Index columns = 1;
+  double trace = 0;    ///< of the covariance
+  double freedom = 0;  ///< k − tr(Σ S⁻²): coefficients that the rows determined
+  double z2 = 0;       ///< ‖c/s‖²; 0 before any measurement
+};
+PosteriorSize posterior_size(const BrdfBasis& basis, std::span<const Eigen::MatrixXd> covariance,
+                             const Eigen::MatrixXd& c);
+
+/// Factor from the error that a posterior expects to the error that unseen materials had under like
+/// posteriors [ErrorCalibration]; 1 before any row is known.
+double calibration_factor(const BrdfBasis& basis, const PosteriorSize& size);
+
+/// predicted_error_percent() of a plain logarithm from the sizes alone; ln2 = ‖ln f̂‖² over the valid
+/// grid and `channels`. Where V covers one channel (columns) or all (stacked).
+double predicted_error_percent(const BrdfBasis& basis, const PosteriorSize& size, double ln2,
+                               Eigen::Index channels);
 
 }  // namespace lightrig

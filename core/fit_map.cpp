@@ -114,9 +114,12 @@ Posterior fit_map(const DesignRows& rows, const Eigen::VectorXd& stddev, double 
     }
     const double moved = step.cwiseQuotient(stddev).norm();
     const bool done = moved <= 1e-9 * (1 + out.c.cwiseQuotient(stddev).norm());
-    if (single || done || out.iterations == most_iterations) break;
+    if (single || done || out.iterations == most_iterations) {
+      // At the minimum the last problem's curvature is the posterior's.
+      out.covariance = solver.covariance();
+      break;
+    }
   }
-  out.covariance = MapSolver(rows.G, q.variance, stddev).covariance();
   for (Eigen::Index i = 0; i < rows.G.rows(); ++i) {
     const auto at = static_cast<std::size_t>(i);
     const bool value = rows.kind[at] == Kind::value;

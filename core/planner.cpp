@@ -28,12 +28,9 @@ double percent_of(const BrdfBasis& basis, const Eigen::LLT<Eigen::MatrixXd>& inf
   const Eigen::MatrixXd S = basis.stddev.asDiagonal();
   const Eigen::MatrixXd root = information.matrixL().solve(S);
   if (basis.mapping.kind == Mapping::ln_floor) {
-    const Eigen::Index rows =
-        std::count(basis.valid.begin(), basis.valid.end(), 1) * (basis.rows() / basis.grid.cells());
-    const double error2 =
-        root.squaredNorm() + static_cast<double>(rows) * basis.model_sigma * basis.model_sigma;
-    const double ln2 = basis.mean.squaredNorm();
-    return error2 > 0 ? 100 * std::sqrt(error2 / (ln2 + error2)) : 0;
+    const Eigen::Index channels = basis.rows() / basis.grid.cells();
+    return predicted_error_percent(basis, {1, root.squaredNorm(), 0, 0}, basis.mean.squaredNorm(),
+                                   channels);
   }
   const Eigen::Index columns = basis.layout == ChannelLayout::stacked ? 1 : basis.channels;
   const std::vector<Eigen::MatrixXd> covariance(static_cast<std::size_t>(columns),

@@ -21,7 +21,7 @@ Eigen::ArrayXd row_variance(const BrdfBasis& basis, Eigen::Index first, Eigen::I
   const Eigen::MatrixXd block = basis.V.middleRows(first, rows);
   const Eigen::MatrixXd product = block * covariance.selfadjointView<Eigen::Lower>();
   return product.cwiseProduct(block).rowwise().sum().array().max(0.0) +
-         basis.model_sigma * basis.model_sigma;
+         basis.unsaid_sigma * basis.unsaid_sigma;
 }
 
 /// Sums over the valid grid and the channels, in ln units.
@@ -64,14 +64,51 @@ Eigen::ArrayXXd stddev_of(const BrdfBasis& basis, std::span<const Eigen::MatrixX
 
 }  // namespace
 
+PosteriorSize posterior_size(const BrdfBasis& basis, std::span<const Eigen::MatrixXd> covariance,
+                             const Eigen::MatrixXd& c) {
+  CHECK(covariance.size() == static_cast<std::size_t>(c.cols()));
+  const Eigen::VectorXd precision = basis.stddev.cwiseAbs2().cwiseInverse();
+  PosteriorSize size;
+  size.columns = c.cols();
+  for (Eigen::Index i = 0; i < c.cols(); ++i) {
+    const Eigen::MatrixXd& one = covariance[static_cast<std::size_t>(i)];
+    size.trace += one.trace();
+    size.freedom += static_cast<double>(c.rows()) - one.diagonal().dot(precision);
+    size.z2 += c.col(i).cwiseQuotient(basis.stddev).squaredNorm();
+  }
+  return size;
+}
+
+double calibration_factor(const BrdfBasis& basis, const PosteriorSize& size) {
+  const double prior = basis.stddev.squaredNorm() * static_cast<double>(size.columns);
+  const double learnt = std::clamp(1 - size.trace / prior, 0.0, 1.0);
+  const ErrorCalibration& k = basis.calibration;
+  const bool measured = size.z2 > 0 && size.freedom > 1e-9;
+  const double surprise = measured ? 0.5 * std::log(size.z2 / size.freedom) : k.typical_surprise;
+  return std::exp(learnt * (k.offset + k.slope * surprise));
+}
+
+double predicted_error_percent(const BrdfBasis& basis, const PosteriorSize& size, double ln2,
+                               Eigen::Index channels) {
+  const auto valid = std::count(basis.valid.begin(), basis.valid.end(), 1);
+  const double unsaid =
+      basis.unsaid_sigma * basis.unsaid_sigma * static_cast<double>(valid * channels);
+  LogNorms norms;
+  norms.ln2 = ln2;
+  norms.error2 = (size.trace + unsaid) * std::pow(calibration_factor(basis, size), 2);
+  return norms.percent();
+}
+
 Reconstruction reconstruct(const BrdfBasis& basis, const Coefficients& coefficients) {
   CHECK(coefficients.covariance.size() == static_cast<std::size_t>(coefficients.c.cols()));
   Reconstruction out;
   out.brdf = evaluate(basis, coefficients.c, &out.clipped_cells);
   out.log_stddev = stddev_of(basis, coefficients.covariance, out.brdf.f.cols());
+  out.log_stddev *= calibration_factor(
+      basis, posterior_size(basis, coefficients.covariance, coefficients.c));
   out.predicted_error_percent = log_norms(basis, out.brdf, out.log_stddev).percent();
-  // The spread between materials of what a basis cannot say is close to log-normal.
-  const double factor = std::exp(1.6448536269514722 * basis.model_sigma_spread);
+  // True over expected error is close to log-normal over materials.
+  const double factor = std::exp(1.6448536269514722 * basis.calibration.spread);
   out.predicted_low_percent = out.predicted_error_percent / factor;
   out.predicted_high_percent = out.predicted_error_percent * factor;
   return out;
@@ -81,16 +118,16 @@ double predicted_error_percent(const BrdfBasis& basis, std::span<const Eigen::Ma
                                const Eigen::MatrixXd& c) {
   CHECK(covariance.size() == static_cast<std::size_t>(c.cols()));
   const BrdfTable brdf = evaluate(basis, c);
+  const PosteriorSize size = posterior_size(basis, covariance, c);
   const bool whole = basis.layout == ChannelLayout::columns || c.cols() == 1;
   if (basis.mapping.kind != Mapping::ln_floor || !whole) {
-    return log_norms(basis, brdf, stddev_of(basis, covariance, brdf.f.cols())).percent();
+    const Eigen::ArrayXXd stddev =
+        calibration_factor(basis, size) * stddev_of(basis, covariance, brdf.f.cols());
+    return log_norms(basis, brdf, stddev).percent();
   }
   // V's columns are orthonormal: the trace over the grid is the trace of the coefficients.
-  LogNorms norms = log_norms(basis, brdf, Eigen::ArrayXXd::Zero(brdf.f.rows(), brdf.f.cols()));
-  const auto valid = std::count(basis.valid.begin(), basis.valid.end(), 1);
-  norms.error2 = basis.model_sigma * basis.model_sigma * static_cast<double>(valid * brdf.f.cols());
-  for (const Eigen::MatrixXd& one : covariance) norms.error2 += one.trace();
-  return norms.percent();
+  const Eigen::ArrayXXd none = Eigen::ArrayXXd::Zero(brdf.f.rows(), brdf.f.cols());
+  return predicted_error_percent(basis, size, log_norms(basis, brdf, none).ln2, brdf.f.cols());
 }
 
 }  // namespace lightrig

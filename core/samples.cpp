@@ -7,6 +7,7 @@
 #include <optional>
 #include <thread>
 
+#include "core/cell_lookup.h"
 #include "core/check.h"
 
 namespace lightrig {
@@ -34,10 +35,11 @@ struct Geometry {
   const SurfacePoints* points = nullptr;
   const CameraModel* camera = nullptr;
   const LightPosition* light = nullptr;
-  const BivariateGrid* grid = nullptr;
+  const CellLookup* cells = nullptr;
   std::span<const std::uint8_t> valid;
   const Occluder* occluder = nullptr;
   const GrazingLimits* limits = nullptr;
+  double max_tangent2 = 0;  ///< tan² of the largest θd
 };
 
 /// The site that records a point: its own pixel, or the one it projects into.
@@ -63,12 +65,12 @@ SitePoint place(const Geometry& g, Eigen::Index i, int width, int height) {
   }
   out.site = *site;
   // l = −v has no half vector; its θd is beyond any limit.
-  if (cos_i <= 0 || cos_o <= 0 || (l + v).squaredNorm() < 1e-24) return out;
+  const double sum2 = (l + v).squaredNorm();
+  if (cos_i <= 0 || cos_o <= 0 || sum2 < 1e-24) return out;
   out.state = PointState::grazing;
   if (cos_i < g.limits->min_cos_i || cos_o < g.limits->min_cos_o) return out;
-  const HalfDiff angles = half_diff(n, l, v);
-  if (angles.theta_d > g.limits->max_theta_d) return out;
-  out.cell = cell_of(*g.grid, angles);
+  if ((l - v).squaredNorm() > g.max_tangent2 * sum2) return out;
+  out.cell = (*g.cells)(n, l, v);
   out.irradiance = g.light->falloff(x) * cos_i;
   const bool has_statistics = g.valid.empty() || g.valid[static_cast<std::size_t>(out.cell)] != 0;
   out.state = has_statistics ? PointState::lit : PointState::invalid_cell;
@@ -256,7 +258,10 @@ BrdfObservations extract(const RadianceImage& image, const RadianceImage* ambien
   CHECK(options.threads >= 1);
   CHECK(valid.empty() || valid.size() == static_cast<std::size_t>(grid.cells()));
   CHECK(ambient == nullptr || ambient->L.size() == image.L.size());
-  const Geometry geometry{&points, &camera, &light, &grid, valid, &occluder, &options.limits};
+  const CellLookup cells(grid);
+  const double tangent = std::tan(options.limits.max_theta_d);
+  const Geometry geometry{&points, &camera,   &light,          &cells,
+                          valid,   &occluder, &options.limits, tangent * tangent};
   std::vector<SitePoint> sites = place_all(geometry, image.width, image.height, options.threads);
   if (points.from_pixels && options.drop_mixed) {
     const Neighbourhood neighbourhood(points, image.width, image.height);

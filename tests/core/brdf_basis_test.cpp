@@ -60,7 +60,7 @@ TEST(MakeBasis, GivesTheSameBasisTwiceWithFixedSigns) {
   }
 }
 
-TEST(MakeBasis, FindsModelSigmaAsAPlainLeaveMaterialsOutProjectionDoes) {
+TEST(MakeBasis, FindsWhatItCannotSayAsAPlainLeaveMaterialsOutProjectionDoes) {
   const std::vector<Material> materials = synthetic_materials(10, small_grid, 4);
   BasisOptions options;
   options.sigma_folds = 5;
@@ -87,8 +87,8 @@ TEST(MakeBasis, FindsModelSigmaAsAPlainLeaveMaterialsOutProjectionDoes) {
       }
     }
   }
-  EXPECT_NEAR(basis.model_sigma, std::sqrt(squares / count), 1e-9);
-  EXPECT_GT(basis.model_sigma, 0.005);
+  EXPECT_NEAR(basis.unsaid_sigma, std::sqrt(squares / count), 1e-9);
+  EXPECT_GT(basis.unsaid_sigma, 0.005);
 }
 
 TEST(MakeBasis, MasksCellsThatAnyMaterialLacks) {
@@ -130,7 +130,7 @@ TEST(Truncated, KeepsTheLeadingComponentsAndOwnsUpToWhatItDropped) {
   const BrdfBasis whole = basis_of(materials);
   const BrdfBasis five = truncated(whole, 5);
   EXPECT_TRUE(five.V == whole.V.leftCols(5));
-  EXPECT_GT(five.model_sigma, whole.model_sigma);
+  EXPECT_GT(five.unsaid_sigma, whole.unsaid_sigma);
   BasisOptions options;
   options.components = 5;
   EXPECT_NEAR(five.variance_captured, basis_of(materials, options).variance_captured, 1e-9);

@@ -1,0 +1,271 @@
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "core/basis_training.h"
+#include "core/check.h"
+
+namespace lightrig {
+namespace {
+
+/// One fold: the basis of the materials that stay, and the held-out ones in its coordinates.
+struct Fold {
+  std::vector<Eigen::Index> in, out;  ///< columns
+  GramSpectrum spectrum;              ///< (k)
+  Eigen::MatrixXd c;                  ///< (k × out) true coefficients of the held-out columns
+  Eigen::VectorXd residual2;          ///< (out) squared norm of what no coefficient can say
+};
+
+/// Inner products after the mean of the training columns is taken from both sides.
+struct CentredGram {
+  Eigen::MatrixXd inner;  ///< (in × in)
+  Eigen::MatrixXd cross;  ///< (in × out)
+  Eigen::VectorXd norm2;  ///< (out) squared norms of the held-out columns
+};
+CentredGram centred(const Eigen::MatrixXd& K, const std::vector<Eigen::Index>& in,
+                    const std::vector<Eigen::Index>& out) {
+  CentredGram g{K(in, in), K(in, out), K.diagonal()(out)};
+  const Eigen::VectorXd row_mean = g.inner.rowwise().mean();
+  const double all_mean = row_mean.mean();
+  const Eigen::RowVectorXd cross_mean = g.cross.colwise().mean();
+  g.inner.colwise() -= row_mean;
+  g.inner.rowwise() -= row_mean.transpose();
+  g.inner.array() += all_mean;
+  g.cross.colwise() -= row_mean;
+  g.cross.rowwise() -= cross_mean;
+  g.cross.array() += all_mean;
+  g.norm2 += (all_mean - 2 * cross_mean.array()).matrix().transpose();
+  return g;
+}
+
+std::vector<Fold> make_folds(const BrdfBasis& basis, const Training& training,
+                             const Eigen::MatrixXd& K, int folds) {
+  std::vector<Fold> out;
+  for (int f = 0; f < folds; ++f) {
+    Fold fold;
+    for (Eigen::Index j = 0; j < K.cols(); ++j) {
+      const bool held = training.material_of[static_cast<std::size_t>(j)] % folds == f;
+      (held ? fold.out : fold.in).push_back(j);
+    }
+    if (fold.in.size() < 3 || fold.out.empty()) return {};
+    const CentredGram g = centred(K, fold.in, fold.out);
+    fold.spectrum = spectrum(g.inner, training.X.rows());
+    const Eigen::Index k = std::min(basis.components(), fold.spectrum.lambda.size());
+    if (k == 0) return {};
+    fold.spectrum.lambda = Eigen::VectorXd(fold.spectrum.lambda.head(k));
+    fold.spectrum.U = Eigen::MatrixXd(fold.spectrum.U.leftCols(k));
+    fold.c = fold.spectrum.lambda.cwiseSqrt().cwiseInverse().asDiagonal() *
+             (fold.spectrum.U.transpose() * g.cross);
+    fold.residual2 = (g.norm2 - fold.c.colwise().squaredNorm().transpose()).cwiseMax(0.0);
+    out.push_back(std::move(fold));
+  }
+  return out;
+}
+
+/// A curve over component indices read at another number of components, ln-linearly.
+Eigen::VectorXd resampled(const Eigen::VectorXd& curve, Eigen::Index k) {
+  if (curve.size() == 1) return Eigen::VectorXd::Constant(k, curve[0]);
+  Eigen::VectorXd out(k);
+  for (Eigen::Index i = 0; i < k; ++i) {
+    const double x = k == 1 ? 0
+                            : static_cast<double>(i) * static_cast<double>(curve.size() - 1) /
+                                  static_cast<double>(k - 1);
+    const auto j = std::min(static_cast<Eigen::Index>(x), curve.size() - 2);
+    const double u = x - static_cast<double>(j);
+    out[i] = std::exp((1 - u) * std::log(curve[j]) + u * std::log(curve[j + 1]));
+  }
+  return out;
+}
+
+/// Deviations of the coefficients of materials that did not make the basis. A training deviation
+/// falls to nothing at the last components only because they were made to fit; an unseen material's
+/// does not.
+Eigen::VectorXd unseen_stddev(const std::vector<Fold>& folds, Eigen::Index k) {
+  Eigen::VectorXd ln = Eigen::VectorXd::Zero(k);
+  for (const Fold& fold : folds) {
+    Eigen::VectorXd mean_square =
+        fold.c.rowwise().squaredNorm() / static_cast<double>(fold.out.size());
+    mean_square =
+        mean_square.cwiseMax(1e-14 * mean_square.maxCoeff() + std::numeric_limits<double>::min());
+    ln += resampled(mean_square, k).array().log().matrix() / static_cast<double>(folds.size());
+  }
+  // Neighbouring components differ by chance only: a short mean in ln, then never rising.
+  Eigen::VectorXd stddev(k);
+  for (Eigen::Index i = 0; i < k; ++i) {
+    const Eigen::Index reach = std::min<Eigen::Index>({i / 3, k - 1 - i, 5});
+    stddev[i] = std::exp(ln.segment(i - reach, 2 * reach + 1).mean() / 2);
+    if (i > 0) stddev[i] = std::min(stddev[i], stddev[i - 1]);
+  }
+  return stddev;
+}
+
+/// Rows that `lights` distant lights would show: as many columns of θd, evenly over 0 … 80°, all θh
+/// of them (every `step`-th, which stands for its neighbours).
+std::vector<Eigen::Index> rows_of_lights(const BrdfBasis& basis, int lights, int step) {
+  std::vector<Eigen::Index> rows;
+  const int channels = basis.layout == ChannelLayout::stacked ? basis.channels : 1;
+  for (int channel = 0; channel < channels; ++channel) {
+    for (int i = 0; i < lights; ++i) {
+      const int i_d = static_cast<int>((i + 0.5) / lights * basis.grid.n_d * 8 / 9);
+      for (int i_h = 0; i_h < basis.grid.n_h; i_h += step) {
+        const int cell = basis.grid.cell(i_h, i_d);
+        if (basis.valid[static_cast<std::size_t>(cell)]) rows.push_back(basis.row(cell, channel));
+      }
+    }
+  }
+  return rows;
+}
+
+/// One simulated fit of every held-out material of a fold.
+struct Trial {
+  double ln_ratio = 0;  ///< ln(true error / expected error), norms over grid and channels
+  double surprise = 0;  ///< ½ ln(‖c/s‖² / its expectation)
+};
+
+/// MAP for any sigma at the cost of one eigenproblem: with B = G S² Gᵀ = Q D Qᵀ the estimate is
+/// S² Gᵀ Q (D + σ²)⁻¹ Qᵀ y.
+class FoldFits {
+ public:
+  FoldFits(const Fold& fold, const Training& training, const std::vector<Eigen::Index>& rows,
+           const Eigen::VectorXd& stddev)
+      : fold_(fold), stddev_(stddev) {
+    Eigen::MatrixXd inside = training.X(rows, fold.in);
+    const Eigen::VectorXd mean = inside.rowwise().mean();
+    inside.colwise() -= mean;
+    const Eigen::MatrixXd scale =
+        fold.spectrum.U *
+        fold.spectrum.lambda.cwiseSqrt().cwiseInverse().cwiseProduct(stddev).asDiagonal();
+    GS_ = inside * scale;
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(GS_ * GS_.transpose());
+    d_ = solver.eigenvalues().cwiseMax(0.0);
+    QtGS_ = solver.eigenvectors().transpose() * GS_;
+    Eigen::MatrixXd y = training.X(rows, fold.out);
+    y.colwise() -= mean;
+    Qty_ = solver.eigenvectors().transpose() * y;
+  }
+
+  Eigen::MatrixXd estimate(double row_variance) const {  // z = c/s, (k × out)
+    return QtGS_.transpose() * ((d_.array() + row_variance).inverse().matrix().asDiagonal() * Qty_);
+  }
+  /// Diagonal of the posterior covariance of z.
+  Eigen::VectorXd variance(double row_variance) const {
+    const Eigen::MatrixXd half =
+        (d_.array() + row_variance).sqrt().inverse().matrix().asDiagonal() * QtGS_;
+    return (1 - half.colwise().squaredNorm().transpose().array()).max(0.0);
+  }
+  const Fold& fold() const { return fold_; }
+  const Eigen::VectorXd& stddev() const { return stddev_; }
+
+ private:
+  const Fold& fold_;
+  Eigen::VectorXd stddev_;
+  Eigen::MatrixXd GS_, QtGS_, Qty_;
+  Eigen::VectorXd d_;
+};
+
+double mean_error(const FoldFits& fits, double row_variance) {
+  const Eigen::MatrixXd c = fits.stddev().asDiagonal() * fits.estimate(row_variance);
+  return (c - fits.fold().c).colwise().norm().mean();
+}
+
+/// Trials of one fold, the channels of a material together.
+std::vector<Trial> trials(const FoldFits& fits, const Training& training, double row_variance,
+                          double unsaid2) {
+  const Fold& fold = fits.fold();
+  const Eigen::MatrixXd z = fits.estimate(row_variance);
+  const Eigen::VectorXd var = fits.variance(row_variance);
+  const Eigen::VectorXd s2 = fits.stddev().cwiseAbs2();
+  const double expected2 = s2.dot(var) + unsaid2;
+  const double freedom = static_cast<double>(var.size()) - var.sum();
+  std::vector<Trial> out;
+  for (std::size_t j = 0; j < fold.out.size();) {
+    const int material = training.material_of[static_cast<std::size_t>(fold.out[j])];
+    double error2 = 0, z2 = 0;
+    int columns = 0;
+    for (; j < fold.out.size() &&
+           training.material_of[static_cast<std::size_t>(fold.out[j])] == material;
+         ++j, ++columns) {
+      const auto column = static_cast<Eigen::Index>(j);
+      const Eigen::VectorXd c = fits.stddev().cwiseProduct(z.col(column));
+      error2 += (c - fold.c.col(column)).squaredNorm() + fold.residual2[column];
+      z2 += z.col(column).squaredNorm();
+    }
+    const double tiny = std::numeric_limits<double>::min();
+    out.push_back({0.5 * std::log(std::max(error2, tiny) / std::max(columns * expected2, tiny)),
+                   0.5 * std::log(std::max(z2, tiny) / std::max(columns * freedom, tiny))});
+  }
+  return out;
+}
+
+/// Least squares of ln_ratio on surprise, and what scatter remains.
+ErrorCalibration regress(const std::vector<Trial>& all) {
+  const auto n = static_cast<double>(all.size());
+  double x = 0, y = 0, xx = 0, xy = 0, yy = 0;
+  for (const Trial& t : all) {
+    x += t.surprise / n;
+    y += t.ln_ratio / n;
+    xx += t.surprise * t.surprise / n;
+    xy += t.surprise * t.ln_ratio / n;
+    yy += t.ln_ratio * t.ln_ratio / n;
+  }
+  ErrorCalibration calibration;
+  const double variance = xx - x * x;
+  calibration.slope = variance > 1e-12 ? std::clamp((xy - x * y) / variance, 0.0, 1.5) : 0;
+  calibration.offset = y - calibration.slope * x;
+  calibration.typical_surprise = x;
+  const double left = yy - y * y - 2 * calibration.slope * (xy - x * y) +
+                      calibration.slope * calibration.slope * variance;
+  calibration.spread = std::sqrt(std::max(left, 1e-4));
+  return calibration;
+}
+
+}  // namespace
+
+LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
+                             const Eigen::MatrixXd& K, int folds) {
+  LeaveOut out{basis.stddev, basis.model_sigma, basis.unsaid_sigma, basis.calibration};
+  const std::vector<Fold> all = make_folds(basis, training, K, folds);
+  if (all.empty()) return out;
+  const auto valid_cells = std::count(basis.valid.begin(), basis.valid.end(), 1);
+  const double valid_rows =
+      static_cast<double>(valid_cells * (training.X.rows() / basis.grid.cells()));
+  double unsaid2 = 0;
+  for (const Fold& fold : all) unsaid2 += fold.residual2.mean() / static_cast<double>(all.size());
+  out.unsaid_sigma = std::sqrt(unsaid2 / valid_rows);
+  out.stddev = unseen_stddev(all, basis.components());
+
+  struct Scene {
+    int lights, step;
+  };
+  constexpr std::array<Scene, 3> scenes = {Scene{2, 1}, Scene{4, 2}, Scene{8, 4}};
+  constexpr std::array<double, 5> factors = {0.7, 1.0, 1.5, 2.5, 4.0};
+  std::array<double, factors.size()> error{};
+  std::vector<FoldFits> fits;
+  std::vector<int> step_of;
+  for (const Scene& scene : scenes) {
+    const std::vector<Eigen::Index> rows = rows_of_lights(basis, scene.lights, scene.step);
+    for (const Fold& fold : all) {
+      fits.emplace_back(fold, training, rows, resampled(out.stddev, fold.c.rows()));
+      step_of.push_back(scene.step);
+      for (std::size_t i = 0; i < factors.size(); ++i) {
+        const double sigma = factors[i] * std::max(out.unsaid_sigma, 1e-6);
+        error[i] += mean_error(fits.back(), sigma * sigma / scene.step);
+      }
+    }
+  }
+  const auto best =
+      static_cast<std::size_t>(std::min_element(error.begin(), error.end()) - error.begin());
+  out.model_sigma = factors[best] * std::max(out.unsaid_sigma, 1e-6);
+  std::vector<Trial> pooled;
+  for (std::size_t i = 0; i < fits.size(); ++i) {
+    const std::vector<Trial> some =
+        trials(fits[i], training, out.model_sigma * out.model_sigma / step_of[i], unsaid2);
+    pooled.insert(pooled.end(), some.begin(), some.end());
+  }
+  out.calibration = regress(pooled);
+  return out;
+}
+
+}  // namespace lightrig

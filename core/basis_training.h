@@ -1,0 +1,39 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "core/brdf_basis.h"
+
+namespace lightrig {
+
+/// Training columns of a basis and what is known of them.
+struct Training {
+  Eigen::MatrixXd X;     ///< (rows × n) mapped values, mean removed; 0 in invalid cells
+  Eigen::VectorXd mean;  ///< (rows)
+  Eigen::VectorXd y_min, y_max;
+  std::vector<int> material_of;  ///< (n)
+};
+
+/// Eigenvectors of a Gram matrix, largest first, as many as rise above rounding.
+struct GramSpectrum {
+  Eigen::VectorXd lambda;
+  Eigen::MatrixXd U;
+};
+GramSpectrum spectrum(const Eigen::MatrixXd& K, Eigen::Index rows);
+
+/// What leaving materials out says of a basis: how it serves materials it has not seen.
+struct LeaveOut {
+  Eigen::VectorXd stddev;   ///< (k) of the coefficients of unseen materials, descending
+  double model_sigma = 0;   ///< mapped units: of a row in a fit
+  double unsaid_sigma = 0;  ///< mapped units: rms of what no coefficients can say
+  ErrorCalibration calibration;
+};
+
+/// Folds over materials; K = XᵀX. Everything is inner products of columns and the few rows that a
+/// handful of lights would show, so a fold costs one eigenproblem of its columns. `k` components
+/// are kept. Fewer than two materials in or out of some fold: the training figures are returned.
+LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
+                             const Eigen::MatrixXd& K, int folds);
+
+}  // namespace lightrig

@@ -1,0 +1,232 @@
+#include "core/samples.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include "core/shapes.h"
+
+namespace lightrig {
+namespace {
+
+/// A sphere seen in perspective under a near lamp, its radiance written from the closed form of a
+/// Lambertian surface, f constant.
+class Extract : public testing::Test {
+ protected:
+  Extract() : mesh_(make_sphere(0.05, 2)), occluder_(mesh_) {
+    camera_.width = 160;
+    camera_.height = 140;
+    camera_.fx = camera_.fy = 500;
+    camera_.cx = 79.5;
+    camera_.cy = 69.5;
+    camera_.camera_from_world =
+        look_at({0, 0, 0.5}, Eigen::Vector3d::Zero(), Eigen::Vector3d::UnitY());
+    points_ = points_of_pixels(mesh_, occluder_, camera_, 1);
+    options_.lamp_strength = Eigen::Array3d(2, 3, 4);
+  }
+
+  RadianceImage lambert(const Eigen::Array3d& f, ColorFilter filter) const {
+    const std::size_t sites = 160 * 140;
+    RadianceImage image{160,
+                        140,
+                        filter,
+                        std::vector<float>(sites, 0.0F),
+                        std::vector<float>(sites, 1e-10F),
+                        std::vector<RadianceImage::Site>(sites, RadianceImage::Site::measured)};
+    for (Eigen::Index i = 0; i < points_.size(); ++i) {
+      const int source = points_.source[static_cast<std::size_t>(i)];
+      const int channel = channel_at(filter, source / 160, source % 160);
+      const Eigen::Vector3d x = points_.position.col(i), to_lamp = lamp_.p - x;
+      const double cos_i = std::max(0.0, points_.normal.col(i).dot(to_lamp.normalized()));
+      const double E = options_.lamp_strength[channel] / to_lamp.squaredNorm() * cos_i;
+      image.L[static_cast<std::size_t>(source)] = static_cast<float>(f[channel] * E);
+    }
+    return image;
+  }
+
+  BrdfObservations run(const RadianceImage& image, const RadianceImage* ambient = nullptr) const {
+    return extract(image, ambient, points_, camera_, lamp_, grid_, {}, occluder_, options_);
+  }
+
+  Mesh mesh_;
+  Occluder occluder_;
+  CameraModel camera_;
+  SurfacePoints points_;
+  LightPosition lamp_{false, {0.3, 0.2, 0.4}};
+  BivariateGrid grid_;
+  ExtractOptions options_;
+};
+
+TEST_F(Extract, FindsALambertianSurfaceConstantInEveryCell) {
+  const BrdfObservations found = run(lambert(Eigen::Array3d::Constant(0.2), ColorFilter::mono));
+  ASSERT_GT(found.rows.size(), 50U);
+  for (const BrdfObservation& row : found.rows) {
+    EXPECT_EQ(row.kind, BrdfObservation::Kind::value);
+    EXPECT_NEAR(row.f, 0.2, 1e-6);
+  }
+}
+
+TEST_F(Extract, KeepsTheChannelsOfABayerMosaicApart) {
+  const BrdfObservations found =
+      run(lambert(Eigen::Array3d(0.1, 0.2, 0.3), ColorFilter::bayer_grbg));
+  int channels[3] = {0, 0, 0};
+  for (const BrdfObservation& row : found.rows) {
+    EXPECT_NEAR(row.f, 0.1 * (row.channel + 1), 1e-6);
+    ++channels[row.channel];
+  }
+  EXPECT_GT(*std::min_element(channels, channels + 3), 30);
+  EXPECT_TRUE(
+      std::is_sorted(found.rows.begin(), found.rows.end(), [](const auto& a, const auto& b) {
+        return std::pair(a.channel, a.cell) < std::pair(b.channel, b.cell);
+      }));
+}
+
+TEST_F(Extract, TakesAmbientLightOff) {
+  RadianceImage image = lambert(Eigen::Array3d::Constant(0.2), ColorFilter::mono);
+  RadianceImage ambient = image;
+  for (std::size_t i = 0; i < image.L.size(); ++i) {
+    ambient.L[i] = 0.37F;
+    image.L[i] += 0.37F;
+  }
+  for (const BrdfObservation& row : run(image, &ambient).rows) EXPECT_NEAR(row.f, 0.2, 1e-5);
+}
+
+TEST_F(Extract, LeavesOutPixelsThatMixObjectAndBackground) {
+  // Half of every silhouette pixel is black background.
+  RadianceImage image = lambert(Eigen::Array3d::Constant(0.2), ColorFilter::mono);
+  std::vector<std::uint8_t> object(image.L.size(), 0);
+  for (const int source : points_.source) object[static_cast<std::size_t>(source)] = 1;
+  for (const int source : points_.source) {
+    const auto at = static_cast<std::size_t>(source);
+    if (!object[at - 1] || !object[at + 1] || !object[at - 160] || !object[at + 160]) {
+      image.L[at] /= 2;
+    }
+  }
+  options_.limits = no_grazing_limits;
+  const BrdfObservations found = run(image);
+  EXPECT_GT(found.statistics.boundary, 50);
+  for (const BrdfObservation& row : found.rows) EXPECT_NEAR(row.f, 0.2, 1e-5);
+  options_.drop_mixed = false;
+  double worst = 0;
+  for (const BrdfObservation& row : run(image).rows) {
+    worst = std::max(worst, std::abs(row.f - 0.2));
+  }
+  EXPECT_GT(worst, 0.02);
+}
+
+TEST_F(Extract, TurnsFullCellsIntoLowerBoundsAndDarkOnesIntoUpperBounds) {
+  RadianceImage image = lambert(Eigen::Array3d::Constant(0.2), ColorFilter::mono);
+  for (std::size_t i = 0; i < image.L.size(); ++i) {
+    image.site[i] = RadianceImage::Site::saturated;
+    image.L[i] *= 0.5F;  // the bound
+    image.variance[i] = HUGE_VALF;
+  }
+  for (const BrdfObservation& row : run(image).rows) {
+    EXPECT_EQ(row.kind, BrdfObservation::Kind::above);
+    EXPECT_LE(row.f, 0.2);
+    EXPECT_NEAR(row.f, 0.1, 1e-5);
+  }
+  std::mt19937_64 random(1);
+  std::normal_distribution<float> normal;
+  for (std::size_t i = 0; i < image.L.size(); ++i) {
+    image.site[i] = RadianceImage::Site::dark;
+    image.variance[i] = 1.0F;
+    image.L[i] = 1e-4F + normal(random);
+  }
+  int below = 0, rows = 0;
+  for (const BrdfObservation& row : run(image).rows) {
+    below += row.kind == BrdfObservation::Kind::below;
+    ++rows;
+    if (row.kind == BrdfObservation::Kind::below) {
+      EXPECT_GT(row.f, 0);
+    }
+  }
+  EXPECT_GT(below, 9 * rows / 10);
+}
+
+TEST_F(Extract, IsUnbiasedUnderNoiseThatFollowsTheSignal) {
+  // Shot noise of 4 to 100 electrons per site, the variance estimated from the noisy value itself
+  // as a merge must: inverse-variance weights would read several percent low.
+  const RadianceImage clean = lambert(Eigen::Array3d::Constant(0.2), ColorFilter::mono);
+  std::mt19937_64 random(2);
+  double sum = 0, weight = 0;
+  for (int run_index = 0; run_index < 40; ++run_index) {
+    RadianceImage image = clean;
+    for (std::size_t i = 0; i < image.L.size(); ++i) {
+      const double electrons = double{clean.L[i]} * 30;
+      const auto drawn = static_cast<double>(
+          electrons > 0 ? std::poisson_distribution<int>(electrons)(random) : 0);
+      image.L[i] = static_cast<float>(drawn / 30);
+      image.variance[i] = static_cast<float>((drawn + 1) / 900);
+    }
+    for (const BrdfObservation& row : run(image).rows) {
+      if (row.kind != BrdfObservation::Kind::value || row.count < 5) continue;
+      sum += row.f * row.count;
+      weight += row.count;
+    }
+  }
+  EXPECT_NEAR(sum / weight / 0.2, 1, 0.004);
+}
+
+TEST_F(Extract, GivesTheSameRowsOnAnyNumberOfThreads) {
+  const RadianceImage image = lambert(Eigen::Array3d::Constant(0.2), ColorFilter::bayer_rggb);
+  const BrdfObservations one = run(image);
+  options_.threads = 3;
+  const BrdfObservations three = run(image);
+  ASSERT_EQ(one.rows.size(), three.rows.size());
+  for (std::size_t i = 0; i < one.rows.size(); ++i) {
+    EXPECT_EQ(one.rows[i].f, three.rows[i].f);
+    EXPECT_EQ(one.rows[i].variance, three.rows[i].variance);
+  }
+}
+
+TEST_F(Extract, AccountsForEverySite) {
+  const ExtractionStatistics s =
+      run(lambert(Eigen::Array3d::Constant(0.2), ColorFilter::mono)).statistics;
+  EXPECT_EQ(s.sites, points_.size());
+  EXPECT_LT(s.unlit + s.grazing + s.boundary + s.shadowed + s.invalid_cell, s.sites);
+  EXPECT_GT(s.unlit, 0);
+  EXPECT_EQ(s.shadowed, 0);
+}
+
+TEST(ExtractShadows, SeesNoValueInTheShadowOfATorus) {
+  const Mesh mesh = make_torus(0.05, 0.02, 1);
+  const Occluder occluder(mesh);
+  CameraModel camera;
+  camera.projection = CameraModel::Projection::orthographic;
+  camera.width = camera.height = 150;
+  camera.fx = camera.fy = 1000;
+  camera.cx = camera.cy = 74.5;
+  camera.camera_from_world = look_at({0, 0, 1}, Eigen::Vector3d::Zero(), Eigen::Vector3d::UnitY());
+  const SurfacePoints points = points_of_pixels(mesh, occluder, camera, 1);
+  const LightPosition light{true, Eigen::Vector3d(1, 0, 0.15).normalized()};
+  const std::size_t sites = 150 * 150;
+  RadianceImage image{150,
+                      150,
+                      ColorFilter::mono,
+                      std::vector<float>(sites, 0.0F),
+                      std::vector<float>(sites, 1e-10F),
+                      std::vector<RadianceImage::Site>(sites, RadianceImage::Site::measured)};
+  int shadowed = 0;
+  for (Eigen::Index i = 0; i < points.size(); ++i) {
+    const Eigen::Vector3d n = points.normal.col(i);
+    const bool blocked = occluder.blocked(points.position.col(i), n, light);
+    shadowed += blocked && n.dot(light.p) > 0;
+    const double E = blocked ? 0 : std::max(0.0, n.dot(light.p));
+    image.L[static_cast<std::size_t>(points.source[static_cast<std::size_t>(i)])] =
+        static_cast<float>(0.3 * E);
+  }
+  ASSERT_GT(shadowed, 100);
+  ExtractOptions options;
+  options.limits = no_grazing_limits;
+  const BrdfObservations found =
+      extract(image, nullptr, points, camera, light, {}, {}, occluder, options);
+  EXPECT_GT(found.statistics.shadowed, 100);
+  for (const BrdfObservation& row : found.rows) EXPECT_NEAR(row.f, 0.3, 1e-5);
+}
+
+}  // namespace
+}  // namespace lightrig
