@@ -1,0 +1,129 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "study/report.h"
+
+namespace lightrig {
+namespace {
+
+constexpr double width = 640, height = 400, left = 64, right = 170, top = 34, bottom = 48;  // [px]
+/// Okabe and Ito's colours: told apart by every kind of colour vision.
+constexpr std::array<const char*, 8> colours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
+                                                "#e69f00", "#56b4e9", "#999999", "#b8a800"};
+
+/// One axis: data to pixels.
+struct Scale {
+  double low = 0, high = 1, from = 0, to = 1;
+  bool log = false;
+  double value(double x) const { return log ? std::log10(x) : x; }
+  double operator()(double x) const {
+    return from + (value(x) - value(low)) / (value(high) - value(low)) * (to - from);
+  }
+};
+
+bool drawable(double x, bool log) { return std::isfinite(x) && (!log || x > 0); }
+
+Scale fit_scale(const Chart& chart, bool x_axis) {
+  const bool log = x_axis ? chart.log_x : chart.log_y;
+  double low = HUGE_VAL, high = -HUGE_VAL;
+  for (const ChartSeries& s : chart.series) {
+    for (const auto& [x, y] : s.points) {
+      const double v = x_axis ? x : y;
+      if (!drawable(v, log)) continue;
+      low = std::min(low, v);
+      high = std::max(high, v);
+    }
+  }
+  if (!(low <= high)) low = 1, high = 10;
+  if (!log) low = std::min(low, 0.0);
+  if (high <= low) high = log ? low * 10 : low + 1;
+  if (log) low /= 1.1, high *= 1.1;
+  if (!log) high += 0.04 * (high - low);
+  return x_axis ? Scale{low, high, left, width - right, log}
+                : Scale{low, high, height - bottom, top, log};
+}
+
+std::vector<double> ticks(const Scale& scale) {
+  std::vector<double> out;
+  if (scale.log) {
+    for (double decade = std::pow(10, std::floor(std::log10(scale.low))); decade <= scale.high;
+         decade *= 10) {
+      for (const double step : {1.0, 2.0, 5.0}) {
+        const double t = decade * step;
+        const bool dense = scale.high / scale.low > 1e3 && step > 1;
+        if (t >= scale.low && t <= scale.high && !dense) out.push_back(t);
+      }
+    }
+    return out;
+  }
+  const double raw = (scale.high - scale.low) / 6;
+  const double power = std::pow(10, std::floor(std::log10(raw)));
+  const double step = power * (raw / power < 2 ? 2 : raw / power < 5 ? 5 : 10);
+  for (double t = std::ceil(scale.low / step) * step; t <= scale.high; t += step) out.push_back(t);
+  return out;
+}
+
+std::string axes(const Chart& chart, const Scale& x, const Scale& y) {
+  std::string svg;
+  for (const double t : ticks(x)) {
+    svg += fmt::format(
+        "<line class=g x1='{0:.1f}' x2='{0:.1f}' y1='{1}' y2='{2}' /><text x='{0:.1f}' y='{3}' "
+        "text-anchor=middle>{4:g}</text>",
+        x(t), top, height - bottom, height - bottom + 16, t);
+  }
+  for (const double t : ticks(y)) {
+    svg += fmt::format(
+        "<line class=g x1='{1}' x2='{2}' y1='{0:.1f}' y2='{0:.1f}' /><text x='{3}' y='{4:.1f}' "
+        "text-anchor=end>{5:g}</text>",
+        y(t), left, width - right, left - 6, y(t) + 4, t);
+  }
+  svg += fmt::format("<text class=t x='{}' y=20>{}</text>", left, chart.title);
+  svg += fmt::format("<text x='{}' y='{}' text-anchor=middle>{}</text>", (left + width - right) / 2,
+                     height - 12, chart.x_label);
+  svg += fmt::format("<text transform='translate(16 {}) rotate(-90)' text-anchor=middle>{}</text>",
+                     (top + height - bottom) / 2, chart.y_label);
+  return svg;
+}
+
+std::string series_svg(const ChartSeries& s, const char* colour, const Scale& x, const Scale& y) {
+  std::string path, dots;
+  for (const auto& [px, py] : s.points) {
+    if (!drawable(px, x.log) || !drawable(py, y.log)) continue;
+    path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : "L", x(px), y(py));
+    dots += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='{}' fill='{}' />", x(px), y(py),
+                        s.markers_only ? 1.8 : 3.0, colour);
+  }
+  if (s.markers_only) return fmt::format("<g opacity=0.55>{}</g>", dots);
+  return fmt::format("<path d='{}' fill=none stroke='{}' stroke-width=2 />{}", path, colour, dots);
+}
+
+}  // namespace
+
+std::string to_svg(const Chart& chart) {
+  Scale x = fit_scale(chart, true), y = fit_scale(chart, false);
+  if (chart.diagonal) {
+    x.low = y.low = std::min(x.low, y.low);
+    x.high = y.high = std::max(x.high, y.high);
+  }
+  std::string svg =
+      fmt::format("<svg viewBox='0 0 {} {}' role=img aria-label='{}'>", width, height, chart.title);
+  svg += axes(chart, x, y);
+  if (chart.diagonal) {
+    svg += fmt::format("<line class=d x1='{:.1f}' y1='{:.1f}' x2='{:.1f}' y2='{:.1f}' />", x(x.low),
+                       y(y.low), x(x.high), y(y.high));
+  }
+  for (std::size_t i = 0; i < chart.series.size(); ++i) {
+    const char* colour = colours[i % colours.size()];
+    svg += series_svg(chart.series[i], colour, x, y);
+    const double at = top + 8 + 18 * static_cast<double>(i);
+    svg += fmt::format(
+        "<rect x='{}' y='{}' width=12 height=12 fill='{}' /><text x='{}' y='{}'>{}</text>",
+        width - right + 12, at, colour, width - right + 30, at + 10, chart.series[i].name);
+  }
+  return svg + "</svg>";
+}
+
+}  // namespace lightrig

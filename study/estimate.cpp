@@ -1,0 +1,196 @@
+#include "study/estimate.h"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "core/fit.h"
+#include "core/map_solver.h"
+
+namespace lightrig {
+namespace {
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+/// Mapped values of every test material and channel at some cells: (cells × 3·materials), column
+/// material · channels + channel.
+Eigen::MatrixXd observed(const StudySplit& split, const std::vector<std::int32_t>& cells) {
+  const LogMapping& mapping = split.whole.mapping;
+  const Eigen::Index channels = split.test.front().table.f.cols();
+  Eigen::MatrixXd y(static_cast<Eigen::Index>(cells.size()),
+                    channels * static_cast<Eigen::Index>(split.test.size()));
+  for (std::size_t m = 0; m < split.test.size(); ++m) {
+    for (Eigen::Index channel = 0; channel < channels; ++channel) {
+      for (std::size_t i = 0; i < cells.size(); ++i) {
+        y(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(m) * channels + channel) =
+            map_value(mapping, cells[i], split.test[m].table.f(cells[i], channel));
+      }
+    }
+  }
+  return y;
+}
+
+BrdfTable columns_of(const BrdfTable& all, Eigen::Index first, Eigen::Index count) {
+  return {all.grid, all.f.middleCols(first, count)};
+}
+
+double ln2_of(const BrdfTable& table, double floor) {
+  double sum = 0;
+  for (Eigen::Index i = 0; i < table.f.size(); ++i) {
+    const double f = table.f.data()[i];
+    if (std::isfinite(f)) sum += std::pow(std::log(std::max(f, floor)), 2);
+  }
+  return sum;
+}
+
+MaterialResult with_prediction(const BrdfBasis& basis, const BrdfTable& estimate,
+                               const BrdfTable& truth, const PosteriorSize& size, double floor) {
+  MaterialResult out;
+  out.error = brdf_error(estimate, truth, floor);
+  out.predicted = predicted_error_percent(basis, size, ln2_of(estimate, floor), estimate.f.cols());
+  const double factor = std::exp(1.6448536269514722 * basis.calibration.spread);
+  out.low = out.predicted / factor;
+  out.high = out.predicted * factor;
+  return out;
+}
+
+/// One clipped, noisy measurement of every channel and cell.
+BrdfObservations measure(const BrdfTable& truth, const std::vector<std::int32_t>& cells,
+                         const StudyOptions& options, bool keep_clipped, std::mt19937_64& random) {
+  std::vector<double> values;
+  for (const std::int32_t cell : cells) {
+    for (Eigen::Index c = 0; c < truth.f.cols(); ++c) values.push_back(truth.f(cell, c));
+  }
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
+                   values.end());
+  // 12 bits, usable from 8 to 4,000 counts: a range of 500 per exposure, a factor 8 between two.
+  const double reach = std::sqrt(500.0 * std::pow(8.0, std::max(0, options.exposures - 1)));
+  const double middle = values[values.size() / 2];
+  const double low = options.exposures > 0 ? middle / reach : 0;
+  const double high =
+      options.exposures > 0 ? middle * reach : std::numeric_limits<double>::infinity();
+  BrdfObservations out;
+  std::normal_distribution<double> normal;
+  for (int channel = 0; channel < truth.f.cols(); ++channel) {
+    for (const std::int32_t cell : cells) {
+      BrdfObservation o;
+      o.cell = cell;
+      o.channel = static_cast<std::int8_t>(channel);
+      o.count = 1;
+      const double f = truth.f(cell, channel) * (1 + options.noise * normal(random));
+      const bool clipped = f < low || f > high;
+      o.f = std::clamp(f, low, high);
+      o.variance = std::pow(options.noise * o.f, 2);
+      if (clipped && !keep_clipped) {
+        o.kind = f > high ? BrdfObservation::Kind::above : BrdfObservation::Kind::below;
+      }
+      out.rows.push_back(o);
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<MaterialResult> estimate_paper(const StudySplit& split,
+                                           const std::vector<std::int32_t>& cells, double floor) {
+  const BrdfBasis& basis = split.paper;
+  const Eigen::MatrixXd y = observed(split, cells);
+  const Eigen::Index channels = basis.channels;
+  const auto materials = static_cast<Eigen::Index>(split.test.size());
+  Eigen::MatrixXd c(basis.components(), y.cols());
+  for (int channel = 0; channel < channels; ++channel) {
+    Eigen::MatrixXd G(y.rows(), basis.components()), b(y.rows(), materials);
+    for (Eigen::Index i = 0; i < y.rows(); ++i) {
+      const Eigen::Index row = basis.row(cells[static_cast<std::size_t>(i)], channel);
+      G.row(i) = basis.V.row(row);
+      for (Eigen::Index m = 0; m < materials; ++m) {
+        b(i, m) = y(i, m * channels + channel) - basis.mean[row];
+      }
+    }
+    Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> qr;
+    qr.setThreshold(static_cast<double>(std::max(G.rows(), G.cols())) *
+                    std::numeric_limits<double>::epsilon());
+    qr.compute(G);
+    const Eigen::MatrixXd solved = qr.solve(b);
+    for (Eigen::Index m = 0; m < materials; ++m) c.col(m * channels + channel) = solved.col(m);
+  }
+  std::vector<MaterialResult> out;
+  for (Eigen::Index m = 0; m < materials; ++m) {
+    const BrdfTable estimate = evaluate(basis, c.middleCols(m * channels, channels));
+    const BrdfTable& truth = split.test[static_cast<std::size_t>(m)].table;
+    out.push_back({brdf_error(estimate, truth, floor), nan, nan, nan});
+  }
+  return out;
+}
+
+std::vector<MaterialResult> estimate_map(const StudySplit& split,
+                                         const std::vector<std::int32_t>& cells, double floor) {
+  const BrdfBasis& basis = split.whole;
+  const Eigen::Index channels = split.test.front().table.f.cols();
+  Eigen::MatrixXd y = observed(split, cells);
+  Eigen::MatrixXd G(y.rows(), basis.components());
+  for (Eigen::Index i = 0; i < y.rows(); ++i) {
+    const std::int32_t cell = cells[static_cast<std::size_t>(i)];
+    G.row(i) = basis.V.row(cell);
+    y.row(i).array() -= basis.mean[cell];
+  }
+  const Eigen::VectorXd variance =
+      Eigen::VectorXd::Constant(G.rows(), basis.model_sigma * basis.model_sigma);
+  const MapSolver solver(G, variance, basis.stddev);
+  const Eigen::MatrixXd c = solver.solve(y);
+  const Eigen::MatrixXd covariance = solver.covariance();
+  const PosteriorSize one =
+      posterior_size(basis, {&covariance, 1}, Eigen::MatrixXd::Zero(c.rows(), 1));
+  const BrdfTable all = evaluate(basis, c);
+  std::vector<MaterialResult> out;
+  for (std::size_t m = 0; m < split.test.size(); ++m) {
+    const Eigen::Index first = static_cast<Eigen::Index>(m) * channels;
+    PosteriorSize size{channels, 0, 0, 0};
+    size.trace = one.trace * static_cast<double>(channels);
+    size.freedom = one.freedom * static_cast<double>(channels);
+    for (Eigen::Index i = 0; i < channels; ++i) {
+      size.z2 += c.col(first + i).cwiseQuotient(basis.stddev).squaredNorm();
+    }
+    out.push_back(
+        with_prediction(basis, columns_of(all, first, channels), split.test[m].table, size, floor));
+  }
+  return out;
+}
+
+std::vector<MaterialResult> estimate_measured(const StudySplit& split, bool map,
+                                              const std::vector<std::int32_t>& cells,
+                                              const StudyOptions& options, std::uint64_t seed) {
+  const BrdfBasis& basis = map ? split.whole : split.paper;
+  FitOptions fit_options;
+  fit_options.estimator = map ? Estimator::map : Estimator::pseudo_inverse;
+  std::vector<MaterialResult> out;
+  for (std::size_t m = 0; m < split.test.size(); ++m) {
+    std::mt19937_64 random(seed + 7919 * m);
+    const BrdfTable& truth = split.test[m].table;
+    const std::vector<BrdfObservations> lights = {measure(truth, cells, options, !map, random)};
+    const Coefficients c = fit(basis, lights, static_cast<int>(truth.f.cols()), fit_options);
+    const BrdfTable estimate = evaluate(basis, c.c);
+    if (map) {
+      out.push_back(with_prediction(basis, estimate, truth,
+                                    posterior_size(basis, c.covariance, c.c), options.floor));
+    } else {
+      out.push_back({brdf_error(estimate, truth, options.floor), nan, nan, nan});
+    }
+  }
+  return out;
+}
+
+std::vector<MaterialResult> estimate_mean(const StudySplit& split, double floor) {
+  const BrdfTable mean =
+      evaluate(split.whole, Eigen::MatrixXd::Zero(split.whole.components(), split.whole.channels));
+  std::vector<MaterialResult> out;
+  for (const Material& material : split.test) {
+    out.push_back({brdf_error(mean, material.table, floor), nan, nan, nan});
+  }
+  return out;
+}
+
+}  // namespace lightrig

@@ -1,0 +1,228 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "study/report.h"
+
+namespace lightrig {
+namespace {
+
+constexpr const char* style = R"(<style>
+:root{--ink:#1a1a1a;--paper:#fff;--grid:#ddd;--soft:#666}
+@media(prefers-color-scheme:dark){:root{--ink:#e6e6e6;--paper:#15171a;--grid:#33373d;--soft:#9aa0a8}}
+@media print{:root{--ink:#000;--paper:#fff;--grid:#ccc;--soft:#444}}
+body{background:var(--paper);color:var(--ink);font:15px/1.5 system-ui,sans-serif;max-width:1360px;margin:2rem auto;padding:0 1rem}
+.charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,560px),1fr));gap:1.2rem}
+svg{width:100%;height:auto}svg text{fill:var(--ink);font-size:12px}svg .t{font-size:14px;font-weight:600}
+svg .g{stroke:var(--grid)}svg .d{stroke:var(--soft);stroke-dasharray:4 4}
+.wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px}td,th{padding:2px 10px;text-align:right;border-bottom:1px solid var(--grid)}
+td:first-child,th:first-child,td:nth-child(3),th:nth-child(3){text-align:left}p{max-width:80ch}.soft{color:var(--soft)}
+</style>)";
+
+std::string escaped(const std::string& text) {
+  std::string out;
+  for (const char c : text) {
+    if (c == '<') {
+      out += "&lt;";
+    } else if (c == '&') {
+      out += "&amp;";
+    } else {
+      out += c;
+    }
+  }
+  return out;
+}
+
+using Figures = std::vector<StudyFigure>;
+
+std::vector<std::string> methods_in(const Figures& figures, const std::string& object) {
+  std::vector<std::string> out;
+  for (const StudyMethod& method : study_methods()) {
+    for (const StudyFigure& f : figures) {
+      if (f.object == object && f.method == method.name && f.lights > 0) {
+        out.push_back(method.name);
+        break;
+      }
+    }
+  }
+  return out;
+}
+
+/// Error against lights, or against rig minutes: one line per method.
+Chart error_chart(const Figures& figures, const std::string& object, double minutes_per_light) {
+  Chart chart;
+  const bool time = minutes_per_light > 0;
+  chart.title = object + (time ? ": error against run time" : ": error against lights");
+  chart.x_label = time ? "rig time [min]" : "lights";
+  chart.y_label = "median error of ln f [%]";
+  chart.log_y = true;
+  for (const std::string& method : methods_in(figures, object)) {
+    ChartSeries series{method, {}};
+    for (const StudyFigure& f : figures) {
+      if (f.object == object && f.method == method) {
+        series.points.emplace_back(f.lights * (time ? minutes_per_light : 1), f.median);
+      }
+    }
+    chart.series.push_back(std::move(series));
+  }
+  return chart;
+}
+
+Chart condition_chart(const Figures& figures, const std::vector<std::string>& objects) {
+  Chart chart{"Condition number of the paper's lights (its Fig. 3)",
+              "lights",
+              "median condition (λmax/λmin of GᵀG)",
+              {},
+              false,
+              true,
+              false};
+  for (const std::string& object : objects) {
+    ChartSeries series{object, {}};
+    for (const StudyFigure& f : figures) {
+      if (f.object == object && f.method == "paper")
+        series.points.emplace_back(f.lights, f.condition);
+    }
+    chart.series.push_back(std::move(series));
+  }
+  return chart;
+}
+
+/// Each material's mean error, sorted by the paper's: its Fig. 5.
+Chart material_chart(const StoredStudy& study, const std::string& object, int lights) {
+  std::map<std::string, std::map<std::string, std::pair<double, int>>> sums;  // method, material
+  for (const StudyRow& row : study.rows) {
+    if (row.object != object || (row.lights != lights && row.lights != 0)) continue;
+    auto& [sum, n] = sums[row.method][row.material];
+    sum += row.percent_log;
+    ++n;
+  }
+  std::vector<std::pair<double, std::string>> order;
+  for (const auto& [material, s] : sums[sums.contains("paper") ? "paper" : sums.begin()->first]) {
+    order.emplace_back(s.first / s.second, material);
+  }
+  std::sort(order.begin(), order.end());
+  Chart chart{fmt::format("{}: each material at {} lights (the paper's Fig. 5)", object, lights),
+              "test materials, by the paper's error",
+              "error of ln f [%]",
+              {},
+              false,
+              true,
+              false};
+  for (const StudyMethod& method : study_methods()) {
+    if (!sums.contains(method.name) || method.name.starts_with("random")) continue;
+    ChartSeries series{method.name, {}};
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      const auto found = sums[method.name].find(order[i].second);
+      if (found == sums[method.name].end()) continue;
+      series.points.emplace_back(static_cast<double>(i + 1),
+                                 found->second.first / found->second.second);
+    }
+    chart.series.push_back(std::move(series));
+  }
+  return chart;
+}
+
+/// Predicted against true error; at most some thousand dots, every k-th row.
+Chart calibration_chart(const StoredStudy& study) {
+  Chart chart{"Predicted against true error, every material",
+              "predicted error [%]",
+              "true error [%]",
+              {},
+              true,
+              true,
+              true};
+  std::size_t with = 0;
+  for (const StudyRow& row : study.rows) with += !std::isnan(row.predicted);
+  const std::size_t step = std::max<std::size_t>(1, with / 3000);
+  std::map<std::string, ChartSeries> series;
+  std::size_t i = 0;
+  for (const StudyRow& row : study.rows) {
+    if (std::isnan(row.predicted) || i++ % step != 0) continue;
+    ChartSeries& s = series[row.method];
+    s.name = row.method;
+    s.markers_only = true;
+    s.points.emplace_back(row.predicted, row.percent_log);
+  }
+  for (auto& [name, s] : series) chart.series.push_back(std::move(s));
+  return chart;
+}
+
+std::string number(double x) { return std::isnan(x) ? "" : fmt::format("{:.3g}", x); }
+
+std::string figure_table(const Figures& figures) {
+  std::string html =
+      "<div class=wide><table><tr><th>object<th>lights<th>method<th>mean %<th>median<th>sd of "
+      "light sets<th>linear cos % mean<th>median<th>predicted %<th>90 % coverage<th>κ²";
+  for (const StudyFigure& f : figures) {
+    html += fmt::format(
+        "<tr><td>{}<td>{}<td>{}<td>{:.2f}<td>{:.2f}<td>{:.2f}<td>{:.2f}<td>{:.2f}<td>{}<td>{}<td>{"
+        "}",
+        escaped(f.object), f.lights, f.method, f.mean, f.median, f.run_sd, f.linear_mean,
+        f.linear_median, number(f.predicted), number(f.coverage), number(f.condition));
+  }
+  return html + "</table></div>";
+}
+
+std::string cost_table(const StoredStudy& study) {
+  std::map<std::pair<std::string, std::string>, std::pair<double, int>> sums;
+  for (const CostRow& row : study.costs) {
+    auto& [sum, n] = sums[{row.object, row.stage}];
+    sum += row.seconds;
+    ++n;
+  }
+  std::string html =
+      "<div class=wide><table><tr><th>object<th>mean s<th>stage (per split, all lights and "
+      "materials)";
+  for (const auto& [key, s] : sums) {
+    html += fmt::format("<tr><td>{}<td>{:.3f}<td>{}", escaped(key.first), s.first / s.second,
+                        escaped(key.second));
+  }
+  return html + "</table></div>";
+}
+
+}  // namespace
+
+std::string study_html(const StoredStudy& study) {
+  const Figures figures = study_figures(study);
+  const StudyIdentity& id = study.identity;
+  std::string html =
+      "<!doctype html><meta charset=utf-8><meta name=viewport "
+      "content='width=device-width'><title>lightrig study</title>" +
+      std::string(style) + "<h1>Error against run time</h1>";
+  html += fmt::format(
+      "<p>{} objects × {} splits of the materials ({}). Error is 100·‖ln f̂ − ln f‖/‖ln f‖ over the "
+      "bivariate grid and channels, f in 1/sr; beside it the linear cosine-weighted error. Rig "
+      "time "
+      "counts {:g} s per light. Medians are over test materials, splits and light sets; random "
+      "lights with the pseudo-inverse are heavy-tailed.</p>",
+      id.objects.size(), id.splits,
+      id.materials == "builtin"
+          ? "built-in set"
+          : "MERL-format files; where these are fits, errors are on fits of MERL",
+      id.seconds_per_light);
+  html += "<ul class=soft>";
+  for (const StudyMethod& m : study_methods()) {
+    html += fmt::format("<li><b>{}</b>: {}", m.name, escaped(m.description));
+  }
+  html += "</ul><div class=charts>";
+  for (const std::string& object : id.objects) {
+    html += to_svg(error_chart(figures, object, 0));
+    html += to_svg(error_chart(figures, object, id.seconds_per_light / 60));
+  }
+  html += to_svg(condition_chart(figures, id.objects));
+  for (std::size_t i = 0; i < id.objects.size() && !study.rows.empty(); ++i) {
+    if (!id.lights[i].empty()) {
+      html += to_svg(material_chart(study, id.objects[i], id.lights[i].back()));
+    }
+  }
+  html += to_svg(calibration_chart(study)) + "</div>";
+  html += "<h2>Figures</h2>" + figure_table(figures);
+  html += "<h2>As printed</h2><div class=wide><pre>" + escaped(study_text(study)) + "</pre></div>";
+  html += "<h2>What it cost here</h2>" + cost_table(study);
+  html += "<h2>What was studied</h2><pre>" + escaped(id.text) + "</pre>";
+  return html;
+}
+
+}  // namespace lightrig

@@ -1,0 +1,227 @@
+#include "study/study.h"
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <random>
+#include <sstream>
+
+#include "core/brdf_table.h"
+#include "study/report.h"
+#include "study/row.h"
+#include "study/scene.h"
+
+namespace lightrig {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string text_of(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+/// A folder of sixteen smooth materials as MERL files on a 24 × 24 grid, and room for studies.
+class Study : public testing::Test {
+ protected:
+  void SetUp() override {
+    root_ = fs::path(testing::TempDir()) /
+            fmt::format("study-{}", testing::UnitTest::GetInstance()->current_test_info()->name());
+    fs::remove_all(root_);
+    fs::create_directories(root_ / "materials");
+    std::mt19937_64 random(5);
+    std::normal_distribution<double> normal;
+    for (int m = 0; m < 16; ++m) {
+      MerlTable table{24, 24, 1, std::vector<double>(3 * 24 * 24)};
+      const double width = std::exp(-2 + 0.7 * normal(random)), height = 3 + normal(random);
+      for (int channel = 0; channel < 3; ++channel) {
+        const double base = -2 + 0.7 * normal(random);
+        for (int i = 0; i < 24 * 24; ++i) {
+          const double h = (i / 24 + 0.5) / 24, d = (i % 24 + 0.5) / 24;
+          const double lobe = height * std::exp(-h * h / width) + 0.4 * d * d * std::sin(m + d);
+          table.f[static_cast<std::size_t>(channel * 576 + i)] = std::exp(base + lobe);
+        }
+      }
+      const std::vector<std::byte> bytes = encode_merl(table);
+      std::ofstream out(root_ / "materials" / fmt::format("m{}.binary", 10 + m),
+                        std::ios::binary);
+      out.write(reinterpret_cast<const char*>(bytes.data()),
+                static_cast<std::streamsize>(bytes.size()));
+    }
+    options_.materials = (root_ / "materials").string();
+    options_.splits = 2;
+    options_.lights = {1, 3};
+    options_.candidates = 60;
+    options_.components = 8;
+    options_.random_runs = 2;
+    options_.out = root_ / "whole";
+  }
+  void TearDown() override { fs::remove_all(root_); }
+
+  StudySummary run(const StudyOptions& options) {
+    Result<StudySummary> summary = run_study(options, nullptr);
+    EXPECT_TRUE(summary.has_value()) << (summary ? "" : summary.error().message);
+    return summary ? *summary : StudySummary{};
+  }
+
+  fs::path root_;
+  StudyOptions options_;
+};
+
+TEST_F(Study, WritesEveryRowAndAReportThatStandsAlone) {
+  int calls = 0;
+  const Result<StudySummary> summary =
+      run_study(options_, [&](const StudyProgress& p) { calls = p.jobs_done; });
+  ASSERT_TRUE(summary.has_value()) << summary.error().message;
+  EXPECT_TRUE(summary->complete);
+  EXPECT_EQ(calls, 2);
+  std::istringstream csv(text_of(options_.out / "study.csv"));
+  std::string line;
+  std::getline(csv, line);
+  EXPECT_EQ(line + "\n", study_header());
+  int rows = 0;
+  while (std::getline(csv, line)) {
+    const std::optional<StudyRow> row = study_row_from_csv(line);
+    ASSERT_TRUE(row.has_value()) << line;
+    EXPECT_TRUE(std::isfinite(row->percent_log)) << line;
+    EXPECT_EQ(to_csv(*row), line + "\n");
+    ++rows;
+  }
+  // 3 test materials × 2 splits × (mean + (4 planned + 2 runs × 2 random methods) × 2 counts)
+  EXPECT_EQ(rows, 3 * 2 * (1 + (4 + 4) * 2));
+  const std::string html = text_of(options_.out / "report.html");
+  EXPECT_THAT(html, testing::HasSubstr("<svg"));
+  EXPECT_THAT(html, testing::Not(testing::HasSubstr("http://")));
+  EXPECT_THAT(html, testing::Not(testing::HasSubstr("<script")));
+}
+
+TEST_F(Study, OfMergedShardsEqualsTheWholeByteForByte) {
+  run(options_);
+  StudyOptions shard = options_;
+  shard.shard_count = 2;
+  std::vector<fs::path> folders;
+  for (shard.shard_index = 0; shard.shard_index < 2; ++shard.shard_index) {
+    shard.out = root_ / fmt::format("shard{}", shard.shard_index);
+    EXPECT_FALSE(run(shard).complete);
+    folders.push_back(shard.out);
+  }
+  const Result<StudySummary> merged = merge_study(folders, root_ / "merged");
+  ASSERT_TRUE(merged.has_value()) << merged.error().message;
+  EXPECT_TRUE(merged->complete);
+  EXPECT_EQ(text_of(root_ / "merged" / "study.csv"), text_of(options_.out / "study.csv"));
+}
+
+TEST_F(Study, InterruptedGoesOnWithTheJobsThatAreMissingAlone) {
+  run(options_);
+  const std::string whole = text_of(options_.out / "study.csv");
+  fs::remove(options_.out / "jobs" / "001-sphere.csv");
+  fs::remove(options_.out / "study.csv");
+  std::vector<std::string> done;
+  const auto again = run_study(options_, [&](const StudyProgress& p) { done.push_back(p.job); });
+  ASSERT_TRUE(again.has_value());
+  EXPECT_THAT(done, testing::ElementsAre("sphere split 2"));
+  EXPECT_EQ(text_of(options_.out / "study.csv"), whole);
+}
+
+TEST_F(Study, GivesTheSameRowsOnTwoThreads) {
+  run(options_);
+  StudyOptions two = options_;
+  two.threads = 2;
+  two.out = root_ / "two";
+  run(two);
+  EXPECT_EQ(text_of(two.out / "study.csv"), text_of(options_.out / "study.csv"));
+}
+
+TEST_F(Study, RefusesToMixTwoStudiesInOneFolder) {
+  run(options_);
+  options_.components = 7;
+  const auto other = run_study(options_, nullptr);
+  ASSERT_FALSE(other.has_value());
+  EXPECT_THAT(other.error().message, testing::HasSubstr("other options"));
+}
+
+TEST_F(Study, SaysWhatIsWrongWithItsOptions) {
+  const auto message = [&](const StudyOptions& o) {
+    const auto summary = run_study(o, nullptr);
+    return summary ? std::string() : summary.error().message;
+  };
+  StudyOptions bad = options_;
+  bad.methods = {"papre"};
+  EXPECT_THAT(message(bad), testing::HasSubstr("no method papre; there are mean, random"));
+  bad = options_;
+  bad.objects = {"spheer"};
+  EXPECT_THAT(message(bad), testing::HasSubstr("object spheer: neither a built-in shape"));
+  bad = options_;
+  bad.materials = (root_ / "nowhere").string();
+  EXPECT_THAT(message(bad), testing::HasSubstr("nowhere"));
+  bad = options_;
+  bad.shard_index = 2;
+  bad.shard_count = 2;
+  EXPECT_THAT(message(bad), testing::HasSubstr("shard 3 of 2"));
+  bad = options_;
+  bad.train_fraction = 1;
+  EXPECT_THAT(message(bad), testing::HasSubstr("leaves no test"));
+}
+
+TEST_F(Study, FindsPlannedLightsBetterThanTheMeanAndMapNoWorseThanThePaper) {
+  options_.splits = 4;
+  options_.lights = {3};
+  run(options_);
+  std::map<std::string, double> sum;
+  std::istringstream csv(text_of(options_.out / "study.csv"));
+  std::string line;
+  std::getline(csv, line);
+  while (std::getline(csv, line)) {
+    const StudyRow row = *study_row_from_csv(line);
+    if (row.run == 0) sum[row.method] += row.percent_log;
+  }
+  EXPECT_LT(sum["paper-map"], 0.5 * sum["mean"]);
+  EXPECT_LT(sum["paper-map"], 1.05 * sum["paper"]);
+  EXPECT_LT(sum["a-optimal-map"], 0.5 * sum["mean"]);
+}
+
+TEST_F(Study, WithNoiseAndOneExposureIsWorseThanWithFive) {
+  options_.methods = {"paper-map"};
+  options_.lights = {3};
+  options_.noise = 0.01;
+  const auto error_with = [&](int exposures) {
+    StudyOptions o = options_;
+    o.exposures = exposures;
+    o.out = root_ / fmt::format("exposures{}", exposures);
+    run(o);
+    double sum = 0;
+    std::istringstream csv(text_of(o.out / "study.csv"));
+    std::string line;
+    std::getline(csv, line);
+    while (std::getline(csv, line)) sum += study_row_from_csv(line)->percent_log;
+    return sum;
+  };
+  EXPECT_LE(error_with(5), error_with(1));
+}
+
+TEST(LightsOverSphere, CoverItEvenlyAndAreUnit) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const LightPosition& light : lights_over_sphere(1000)) {
+    EXPECT_TRUE(light.distant);
+    EXPECT_NEAR(light.p.norm(), 1, 1e-12);
+    sum += light.p;
+  }
+  EXPECT_LT(sum.norm() / 1000, 1e-3);
+}
+
+TEST(Chart, LeavesOutWhatALogarithmCannotShow) {
+  const std::string svg = to_svg(
+      {"t", "x", "y", {{"s", {{1, 0}, {2, double{NAN}}, {3, 10}, {4, HUGE_VAL}}}}, false, true});
+  EXPECT_THAT(svg, testing::Not(testing::HasSubstr("nan")));
+  EXPECT_THAT(svg, testing::Not(testing::HasSubstr("inf")));
+  EXPECT_THAT(svg, testing::HasSubstr("<circle"));
+}
+
+}  // namespace
+}  // namespace lightrig
