@@ -9,6 +9,7 @@
 
 #include "daemon/session/durable_file.h"
 #include "daemon/session/frame_file.h"
+#include "daemon/session/lay_candidates.h"
 #include "daemon/session/lit_sites.h"
 
 namespace lightrig {
@@ -134,12 +135,16 @@ Result<void> CaptureRun::home() {
 Result<void> CaptureRun::ensure_darks() {
   const std::vector<double>& offered = t_.spec.bracket.exposures;
   if (captured_.darks.size() == offered.size()) return {};
+  const GantryPosition home = home_position(t_.rig.gantry.model);
+  bool first = true;
   auto taken = persevere("dark frames", [&]() -> Result<std::vector<TakenFrame>> {
+    // Like a shot, done again from its move on.
+    if (!std::exchange(first, false)) {
+      if (auto there = hand_.go_to(home); !there) return tl::unexpected(there.error());
+    }
     std::vector<TakenFrame> frames;
-    const auto here = hand_.status();
-    if (!here) return tl::unexpected(here.error());
     for (const double exposure : offered) {
-      if (auto go = checkpoint(here->position); !go) return tl::unexpected(go.error());
+      if (auto go = checkpoint(home); !go) return tl::unexpected(go.error());
       say(fmt::format("dark frame {}/{}", frames.size() + 1, offered.size()));
       auto frame = take("dark", exposure_name(exposure), "dark", exposure);
       if (!frame) return tl::unexpected(frame.error());

@@ -97,7 +97,7 @@ size_m = 0.1
 
 [materials]
 source = "builtin"
-leave_out_families = ["plastic"]
+leave_out_families = ["plastic", "metal", "metallic-paint", "powder", "retroreflector", "fabric", "stone", "wood"]
 
 [plan]
 criterion = "a-optimal"
