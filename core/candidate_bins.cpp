@@ -47,7 +47,8 @@ struct Setting {
 struct Scratch {
   std::vector<LitPoint> lit;
   std::vector<std::uint8_t> filled;  ///< (cells)
-  std::vector<std::uint8_t> wanted;  ///< (cells): may still be filled
+  std::vector<std::uint8_t>
+      wanted;  ///< (cells): 0 no, 1 may still be filled, 2 but not by its first
   std::vector<std::int32_t> start;   ///< (cells + 1)
   std::vector<std::int32_t> sorted;  ///< lit points by cell
   std::vector<std::int32_t> open;    ///< cells that still look for an unblocked point
@@ -161,8 +162,9 @@ void fill_from_all_points(const Setting& setting, const LightPosition& light, Sc
 }
 
 /// Walks the bundles whose normals may fill a row of one column that is still wanted, and lists
-/// their lit points in wanted cells; with `first_only` the first of each cell, which is then no
-/// longer wanted. Returns the points walked.
+/// their lit points in wanted cells, without the first where 2 is written there: that one has been
+/// tried. With `first_only` the first of each cell, which is then no longer wanted. Returns the
+/// points walked.
 std::int64_t walk_bundles(const Setting& setting, const LightPosition& light,
                           const Eigen::Vector3d& h, int column, bool first_only, Scratch& scratch,
                           BinningStatistics& statistics) {
@@ -192,9 +194,14 @@ std::int64_t walk_bundles(const Setting& setting, const LightPosition& light,
       const double chord2 =
           half_chord2(points.nx[i], points.ny[i], points.nz[i], h.x(), h.y(), h.z());
       const std::int32_t cell = lookup.grid().cell(lookup.row(chord2), column);
-      if (scratch.wanted[static_cast<std::size_t>(cell)] == 0) continue;
+      std::uint8_t& wanted = scratch.wanted[static_cast<std::size_t>(cell)];
+      if (wanted == 0) continue;
+      if (wanted == 2) {
+        wanted = 1;
+        continue;
+      }
       scratch.lit.push_back({points.index[i], cell});
-      if (first_only) scratch.wanted[static_cast<std::size_t>(cell)] = 0;
+      if (first_only) wanted = 0;
     }
   }
   return walked;
@@ -241,15 +248,11 @@ int fill_one_column(const Setting& setting, const LightPosition& light, Scratch&
     }
     for (const LitPoint& lit : scratch.lit) {
       const auto cell = static_cast<std::size_t>(lit.cell);
-      scratch.wanted[cell] = scratch.filled[cell] == 0 ? 1 : 0;
+      scratch.wanted[cell] = scratch.filled[cell] == 0 ? 2 : 0;
       blocked = blocked || scratch.filled[cell] == 0;
     }
     if (blocked) {
-      const std::vector<LitPoint> tried = scratch.lit;
       walked += walk_bundles(setting, light, h, column, false, scratch, statistics);
-      std::erase_if(scratch.lit, [&](const LitPoint& lit) {
-        return std::ranges::any_of(tried, [&](const LitPoint& t) { return t.point == lit.point; });
-      });
       fill_by_needed_rays(setting, light, scratch, statistics);
     }
   }

@@ -13,6 +13,9 @@ namespace {
 
 using Lower = Eigen::Map<const Eigen::MatrixXd, Eigen::Unaligned, Eigen::OuterStride<>>;
 
+/// Iterations of a first look at a candidate, which most do not survive, and of a thorough one.
+constexpr int glancing = 3, converging = 30;
+
 /// The condition criterion, exactly and with little work. With A = RᵀR of the lights taken and B of
 /// the rows that a candidate adds, for any unit vectors x and y
 ///
@@ -35,6 +38,8 @@ class ConditionChooser final : public LightChooser {
     high_ = low_;
     stage_.assign(low_.size(), Stage::bounded);
     probe_.resize(static_cast<std::size_t>(groups_.groups()));
+    group_gram_.resize(probe_.size());
+    own_.assign(energy_.size(), 0);
   }
 
   Standing best(const std::vector<std::uint8_t>& open) override;
@@ -43,14 +48,17 @@ class ConditionChooser final : public LightChooser {
   const SelectionStatistics& statistics() const override { return statistics_; }
 
  private:
-  enum class Stage : std::uint8_t { bounded, refined, decided };
+  /// Bounded by its group's pair; by its own after a few iterations; by its own, converged.
+  enum class Stage : std::uint8_t { bounded, refined, converged, decided };
   /// A pair of unit vectors with |Rx|² and |Ry|².
   struct Probe {
     Eigen::VectorXd x, y;  ///< (stride), zeros at the end; empty until the group is first looked at
     double low = 0, high = 0;
   };
 
-  Probe refined(int candidate, const Probe& start);
+  Probe refined(int candidate, const Probe& start, int iterations,
+                std::span<const std::int32_t> group_cells);
+  void gather_information(int candidate, std::span<const std::int32_t> group_cells);
   Probe refined_by_qr(int candidate, Probe probe) const;
   void apply(const Probe& probe, const std::vector<int>& members,
              std::span<const std::int32_t> cells);
@@ -72,9 +80,12 @@ class ConditionChooser final : public LightChooser {
   const BrdfBasis& basis_;
   CandidateGroups groups_;
   Eigen::Index k_;
-  Eigen::MatrixXd R_;         ///< QR factor of the rows taken, (≤ k × k)
-  std::vector<double> gram_;  ///< RᵀR, upper triangle, for refinement only
+  Eigen::MatrixXd R_;                            ///< QR factor of the rows taken, (≤ k × k)
+  std::vector<double> gram_;                     ///< RᵀR, upper triangle, for refinement only
+  std::vector<std::vector<double>> group_gram_;  ///< with all that a group adds; empty: not needed
   std::vector<double> work_;
+  std::vector<std::uint8_t> own_;  ///< (packed cells) all zero between calls
+  std::vector<std::int32_t> lacking_;
   std::vector<double> energy_;  ///< (packed cells) of the probe at hand
   std::vector<double> low_;     ///< (candidates) upper bound of λmin
   std::vector<double> high_;    ///< (candidates) lower bound of λmax
@@ -115,6 +126,7 @@ void ConditionChooser::take(int candidate) {
     rank_ = known->rank;
   }
   decisions_.clear();
+  for (std::vector<double>& of_group : group_gram_) of_group.clear();
   const std::vector<std::int32_t> added = groups_.take(candidate);
   add_gram(groups_.rows(), added, gram_, vector_level());
   for (Probe& probe : probe_) {
@@ -140,11 +152,37 @@ ConditionChooser::Probe ConditionChooser::refined_by_qr(int candidate, Probe pro
   return probe;
 }
 
+/// work_ = A + B: the rows of the candidate's whole group, summed once per light, less those that
+/// the candidate lacks, where these are the fewer. Good enough for a refinement: whatever vectors
+/// come of it, bounds take them through sums of squares.
+void ConditionChooser::gather_information(int candidate,
+                                          std::span<const std::int32_t> group_cells) {
+  const std::span<const std::int32_t> own = groups_.fresh(candidate);
+  if (2 * (group_cells.size() - own.size()) >= own.size()) {
+    work_ = gram_;
+    add_gram(groups_.rows(), own, work_, vector_level());
+    return;
+  }
+  const auto g = static_cast<std::size_t>(groups_.group_of(candidate));
+  if (group_gram_[g].empty()) {
+    group_gram_[g] = gram_;
+    add_gram(groups_.rows(), group_cells, group_gram_[g], vector_level());
+  }
+  for (const std::int32_t cell : own) own_[static_cast<std::size_t>(cell)] = 1;
+  lacking_.clear();
+  for (const std::int32_t cell : group_cells) {
+    if (own_[static_cast<std::size_t>(cell)] == 0) lacking_.push_back(cell);
+  }
+  for (const std::int32_t cell : own) own_[static_cast<std::size_t>(cell)] = 0;
+  work_ = group_gram_[g];
+  add_gram(groups_.rows(), lacking_, work_, vector_level(), -1);
+}
+
 /// The extreme vectors of A + B, as far as a few iterations from a neighbour's take them.
-ConditionChooser::Probe ConditionChooser::refined(int candidate, const Probe& start) {
+ConditionChooser::Probe ConditionChooser::refined(int candidate, const Probe& start, int iterations,
+                                                  std::span<const std::int32_t> group_cells) {
   const PackedRows& rows = groups_.rows();
-  work_ = gram_;
-  add_gram(rows, groups_.fresh(candidate), work_, vector_level());
+  gather_information(candidate, group_cells);
   const Lower A(work_.data(), k_, k_, Eigen::OuterStride<>(rows.stride));
   Probe probe = start;
   if (probe.x.size() == 0) {
@@ -156,7 +194,7 @@ ConditionChooser::Probe ConditionChooser::refined(int candidate, const Probe& st
   }
   Eigen::VectorXd y = probe.y.head(k_);
   double top = 0;
-  for (int i = 0; i < 20; ++i) {
+  for (int i = 0; i < iterations; ++i) {
     const Eigen::VectorXd z = A.selfadjointView<Eigen::Lower>() * y;
     const double length = z.stableNorm();
     if (!(length > 0)) break;
@@ -169,7 +207,7 @@ ConditionChooser::Probe ConditionChooser::refined(int candidate, const Probe& st
   bool by_qr = cholesky.info() != Eigen::Success;
   Eigen::VectorXd x = probe.x.head(k_);
   double last = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < 30 && !by_qr; ++i) {
+  for (int i = 0; i < iterations && !by_qr; ++i) {
     const Eigen::VectorXd z = cholesky.solve(x);
     const double length = z.stableNorm();  // rows of any size: squares may leave the range
     by_qr = !(length > 0) || !std::isfinite(length);
@@ -251,7 +289,7 @@ void ConditionChooser::bound_group(std::size_t group, const CandidateGroups::Dis
     const int largest = *std::max_element(members.begin(), members.end(), [&](int a, int b) {
       return groups_.fresh(a).size() < groups_.fresh(b).size();
     });
-    probe_[group] = refined(largest, probe_[group]);
+    probe_[group] = refined(largest, probe_[group], converging, distinct.cells[group]);
   }
   apply(probe_[group], members, distinct.cells[group]);
 }
@@ -281,6 +319,7 @@ void ConditionChooser::decide_deficient(const std::vector<int>& active,
 
 Standing ConditionChooser::best(const std::vector<std::uint8_t>& open) {
   const CandidateGroups::Distinct distinct = groups_.distinct(open);
+  for (std::vector<double>& of_group : group_gram_) of_group.clear();
   statistics_.identical_candidates += distinct.identical;
   statistics_.empty_candidates += distinct.empty;
   std::vector<int> active;
@@ -316,10 +355,11 @@ Standing ConditionChooser::best(const std::vector<std::uint8_t>& open) {
         break;
       }
     }
-    if (stage_[u] == Stage::bounded) {
+    if (stage_[u] == Stage::bounded || stage_[u] == Stage::refined) {
       const auto g = static_cast<std::size_t>(groups_.group_of(next));
-      probe_[g] = refined(next, probe_[g]);
-      stage_[u] = Stage::refined;
+      const bool first = stage_[u] == Stage::bounded;
+      probe_[g] = refined(next, probe_[g], first ? glancing : converging, distinct.cells[g]);
+      stage_[u] = first ? Stage::refined : Stage::converged;
       apply(probe_[g], distinct.members[g], distinct.cells[g]);
       for (const int i : distinct.members[g]) bound_of[static_cast<std::size_t>(i)] = bound(i);
       continue;

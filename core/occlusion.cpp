@@ -22,7 +22,6 @@ namespace {
 /// the mesh's bounding sphere. Far above Embree's float rounding (1e-7), far below any detail that
 /// casts a shadow worth a cell.
 constexpr double offset_in_radii = 1e-4;
-constexpr std::size_t packet = 16;
 
 /// The mesh's bounding sphere: Embree sees the mesh moved and scaled into the unit sphere, where
 /// its single precision serves every size of object alike.
@@ -256,29 +255,28 @@ void Occluder::blocked(std::span<const Eigen::Vector3d> points,
   rtcInitIntersectContext(&context);
   context.flags =
       light.distant ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-  for (std::size_t first = 0; first < points.size(); first += packet) {
-    const std::size_t count = std::min(packet, points.size() - first);
-    RTCRay16 rays{};
-    alignas(64) std::array<int, packet> active{};
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::optional<UnitRay> unit =
-          scene_->shadow_ray(points[first + i], normals[first + i], light);
-      if (!unit) continue;
-      active[i] = -1;
-      rays.org_x[i] = static_cast<float>(unit->origin.x());
-      rays.org_y[i] = static_cast<float>(unit->origin.y());
-      rays.org_z[i] = static_cast<float>(unit->origin.z());
-      rays.dir_x[i] = static_cast<float>(unit->direction.x());
-      rays.dir_y[i] = static_cast<float>(unit->direction.y());
-      rays.dir_z[i] = static_cast<float>(unit->direction.z());
-      rays.tfar[i] = static_cast<float>(unit->length);
-      rays.mask[i] = ~0U;
-    }
-    rtcOccluded16(active.data(), scene_->scene, &context, &rays);
-    for (std::size_t i = 0; i < count; ++i) {
-      // Embree marks a blocked ray by tfar = −∞.
-      out[first + i] = active[i] != 0 && rays.tfar[i] < 0.0F ? 1 : 0;
-    }
+  // One ray at a time: points that fill different cells lie all over the object, and packets of
+  // such rays gain nothing over single ones.
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    out[i] = 0;
+    const std::optional<UnitRay> unit = scene_->shadow_ray(points[i], normals[i], light);
+    if (!unit) continue;
+    const Eigen::Vector3f origin = unit->origin.cast<float>();
+    const Eigen::Vector3f direction = unit->direction.cast<float>();
+    RTCRay ray{origin.x(),
+               origin.y(),
+               origin.z(),
+               0.0F,
+               direction.x(),
+               direction.y(),
+               direction.z(),
+               0.0F,
+               static_cast<float>(unit->length),
+               ~0U,
+               0U,
+               0U};
+    rtcOccluded1(scene_->scene, &context, &ray);
+    if (ray.tfar < 0.0F) out[i] = 1;  // Embree's mark of a blocked ray: −∞
   }
 }
 

@@ -34,7 +34,8 @@ constexpr int width = 8;
 
 /// A += Σ g gᵀ over four rows at a time, a vector of columns j ≥ i held while they pass.
 [[gnu::always_inline]] inline void gram_body(const PackedRows& rows,
-                                             std::span<const std::int32_t> cells, double* A) {
+                                             std::span<const std::int32_t> cells, double sign,
+                                             double* A) {
   const int stride = rows.stride, k = rows.k;
   constexpr std::size_t together = 6;
   const double* g[together];
@@ -53,7 +54,7 @@ constexpr int width = 8;
     if (n < together) {
       for (int i = 0; i < k; ++i) {
         for (std::size_t r = 0; r < n; ++r) {
-          const double factor = g[r][i];
+          const double factor = sign * g[r][i];
           for (int j = i - i % width; j < stride; j += width) {
             at(A + i * stride + j) += factor * at(g[r] + j);
           }
@@ -62,8 +63,8 @@ constexpr int width = 8;
       break;
     }
     for (int i = 0; i < k; ++i) {
-      const double f0 = g[0][i], f1 = g[1][i], f2 = g[2][i], f3 = g[3][i], f4 = g[4][i],
-                   f5 = g[5][i];
+      const double f0 = sign * g[0][i], f1 = sign * g[1][i], f2 = sign * g[2][i],
+                   f3 = sign * g[3][i], f4 = sign * g[4][i], f5 = sign * g[5][i];
       for (int j = i - i % width; j < stride; j += width) {
         Lanes a = at(A + i * stride + j);
         a += f0 * at(g[0] + j);
@@ -121,12 +122,13 @@ constexpr int width = 8;
 #if defined(__x86_64__)
 
 [[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] void gram_v4(
-    const PackedRows& rows, std::span<const std::int32_t> cells, double* A) {
-  gram_body(rows, cells, A);
+    const PackedRows& rows, std::span<const std::int32_t> cells, double sign, double* A) {
+  gram_body(rows, cells, sign, A);
 }
 [[gnu::target("arch=x86-64-v3")]] void gram_v3(const PackedRows& rows,
-                                               std::span<const std::int32_t> cells, double* A) {
-  gram_body(rows, cells, A);
+                                               std::span<const std::int32_t> cells, double sign,
+                                               double* A) {
+  gram_body(rows, cells, sign, A);
 }
 [[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] void energy_v4(
     const PackedRows& rows, std::span<const std::int32_t> cells, const double* x, double* energy) {
@@ -164,13 +166,13 @@ int vector_level() {
 }
 
 void add_gram(const PackedRows& rows, std::span<const std::int32_t> cells, std::span<double> A,
-              int level) {
+              int level, double sign) {
   CHECK(A.size() == static_cast<std::size_t>(rows.k) * static_cast<std::size_t>(rows.stride));
 #if defined(__x86_64__)
-  if (level >= 4) return gram_v4(rows, cells, A.data());
-  if (level == 3) return gram_v3(rows, cells, A.data());
+  if (level >= 4) return gram_v4(rows, cells, sign, A.data());
+  if (level == 3) return gram_v3(rows, cells, sign, A.data());
 #endif
-  gram_body(rows, cells, A.data());
+  gram_body(rows, cells, sign, A.data());
 }
 
 void cell_energies(const PackedRows& rows, std::span<const std::int32_t> cells,

@@ -20,14 +20,14 @@ struct PackedRows {
 };
 
 /// The x86-64 level (2, 3 or 4) of this processor. The planner's arithmetic is compiled for each
-/// and picked at run time; all give the same bits, because every sum keeps one order of eight
-/// partial sums.
+/// and picked at run time; all add in one order of eight partial sums, and differ by the rounding
+/// that fused multiply-adds leave out.
 int vector_level();
 
-/// Upper triangle of A (k × stride, row-major) += Σ g gᵀ over the rows of these cells. What lies
-/// below the diagonal within its vector of eight is filled too, the rest is not.
+/// Upper triangle of A (k × stride, row-major) += sign · Σ g gᵀ over the rows of these cells. What
+/// lies below the diagonal within its vector of eight is filled too, the rest is not.
 void add_gram(const PackedRows& rows, std::span<const std::int32_t> cells, std::span<double> A,
-              int level);
+              int level, double sign = 1);
 
 /// Σ (g·x)² over the rows of one cell, for each of these cells. x has `stride` numbers, zeros at
 /// the end.
