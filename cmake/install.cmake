@@ -1,4 +1,39 @@
+# `cmake --install` lays out a working system; with -DCMAKE_INSTALL_PREFIX=/usr the units are where systemd looks.
 include(GNUInstallDirs)
 install(TARGETS lightrig lightrigd RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(DIRECTORY config/ DESTINATION ${CMAKE_INSTALL_DATADIR}/lightrig/config
         FILES_MATCHING PATTERN "*.toml" PATTERN "faulty" EXCLUDE)
+install(DIRECTORY docs/ DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(FILES README.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} OPTIONAL)
+
+configure_file(systemd/lightrigd.service.in lightrigd.service @ONLY)
+install(FILES ${CMAKE_BINARY_DIR}/lightrigd.service systemd/lightrigd.socket DESTINATION lib/systemd/system)
+install(FILES systemd/lightrig.sysusers DESTINATION lib/sysusers.d RENAME lightrig.conf)
+install(FILES systemd/lightrig.tmpfiles DESTINATION lib/tmpfiles.d RENAME lightrig.conf)
+install(FILES systemd/70-lightrig.rules DESTINATION lib/udev/rules.d)
+
+# Completion scripts are what the program itself prints.
+foreach(shell IN ITEMS bash zsh fish)
+  add_custom_command(OUTPUT completion.${shell} COMMAND lightrig completion ${shell} > completion.${shell}
+                     DEPENDS lightrig WORKING_DIRECTORY ${CMAKE_BINARY_DIR} VERBATIM)
+endforeach()
+add_custom_target(completions ALL DEPENDS completion.bash completion.zsh completion.fish)
+install(FILES ${CMAKE_BINARY_DIR}/completion.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions
+        RENAME lightrig)
+install(FILES ${CMAKE_BINARY_DIR}/completion.zsh DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/vendor-completions
+        RENAME _lightrig)
+install(FILES ${CMAKE_BINARY_DIR}/completion.fish DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d
+        RENAME lightrig.fish)
+
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_NAME lightrig)
+set(CPACK_PACKAGE_CONTACT "The lightrig maintainers <lightrig@localhost>")
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "${PROJECT_DESCRIPTION}")
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PACKAGE_DEPENDS "systemd")
+set(CPACK_DEBIAN_PACKAGE_CONTROL_EXTRA "${PROJECT_SOURCE_DIR}/systemd/postinst;${PROJECT_SOURCE_DIR}/systemd/prerm")
+set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
+set(CPACK_STRIP_FILES ON)
+include(CPack)

@@ -22,7 +22,7 @@ using namespace lightrig;
 struct Options {
   std::string rig, socket = "/run/lightrig/control.sock", session_root, clock_rate, listen,
                    token_file, log_level = "info";
-  bool simulate = false, auto_arm = false, allow_remote = false;
+  bool simulate = false, auto_arm = false, allow_remote = false, make_safe = false;
 };
 
 int complain(const std::string& message) {
@@ -111,6 +111,19 @@ Result<HostSettings> settings_of(const Options& options) {
   return settings;
 }
 
+// Opening a rig makes its lamp dark and closing it stops its motion: after a crash nothing more is
+// needed, and nothing is armed by it.
+int make_safe(const Options& options) {
+  const auto rig = rig_of(options);
+  if (!rig) return complain(rig.error().message);
+  if (options.simulate) return 0;
+  RigAccess access(*rig, false, 1);
+  if (auto opened = access.open(rig->session_defaults.object, {}); !opened)
+    return complain("make the rig safe: " + opened.error().message + ". LAMP MAY BE ON: look");
+  return access.close() ? 0
+                        : complain("make the rig safe: the lamp did not answer. LAMP MAY BE ON");
+}
+
 int serve(const Options& options) {
   const sigset_t signals = hold_signals();
   const auto level = log_level_of(options.log_level);
@@ -164,11 +177,13 @@ int main(int argc, char** argv) {
   app.add_option("--log-level", options.log_level, "debug, info, warning or error")
       ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
       ->capture_default_str();
+  app.add_flag("--make-safe", options.make_safe,
+               "Only make the lamp dark and stop the motion, then end");
   app.set_version_flag("--version", LIGHTRIG_VERSION);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  return serve(options);
+  return options.make_safe ? make_safe(options) : serve(options);
 }

@@ -1,0 +1,193 @@
+// The programs as a person runs them: output, exit codes, and what is said when something is wrong.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using Json = nlohmann::ordered_json;
+
+const std::string lightrig = std::string(LIGHTRIG_BINARY_DIR) + "/lightrig";
+const std::string lightrigd = std::string(LIGHTRIG_BINARY_DIR) + "/lightrigd";
+const std::string demo = std::string(LIGHTRIG_SOURCE_DIR) + "/config/demo.toml";
+
+struct Outcome {
+  int code = -1;
+  std::string out, err;
+};
+
+class CommandLine : public ::testing::Test {
+ protected:
+  CommandLine() {
+    std::string name = (fs::temp_directory_path() / "lightrig-cli-XXXXXX").string();
+    folder_ = mkdtemp(name.data());
+  }
+  ~CommandLine() override {
+    std::error_code error;
+    fs::remove_all(folder_, error);
+  }
+  Outcome run(const std::string& command) {
+    const fs::path err = folder_ / "stderr";
+    FILE* pipe = popen((command + " 2>" + err.string() + " </dev/null").c_str(), "r");
+    Outcome outcome;
+    std::array<char, 4096> buffer{};
+    for (std::size_t n = 0; (n = std::fread(buffer.data(), 1, buffer.size(), pipe)) > 0;)
+      outcome.out.append(buffer.data(), n);
+    const int status = pclose(pipe);
+    outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+    outcome.err = text_of(err);
+    return outcome;
+  }
+  static std::string text_of(const fs::path& path) {
+    std::ifstream in(path);
+    std::stringstream text;
+    text << in.rdbuf();
+    return text.str();
+  }
+  /// The demo's rig file with one text replaced, in a folder where its profile is.
+  std::string changed_rig(const std::string& from, const std::string& to) {
+    std::string text = text_of(demo);
+    const auto at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    if (at != std::string::npos) text.replace(at, from.size(), to);
+    fs::copy(fs::path(LIGHTRIG_SOURCE_DIR) / "config/controllers", folder_ / "controllers",
+             fs::copy_options::recursive | fs::copy_options::overwrite_existing);
+    const fs::path path = folder_ / "rig.toml";
+    std::ofstream(path) << text;
+    return path.string();
+  }
+  fs::path folder_;
+};
+
+TEST_F(CommandLine, ListsItsVerbsAndEachVerbItsOptions) {
+  const Outcome help = run(lightrig + " --help");
+  EXPECT_EQ(help.code, 0);
+  for (const char* verb : {"check", "plan", "dry-run", "start", "abort", "reduce", "verify",
+                           "compare", "export", "materials", "backends"}) {
+    EXPECT_THAT(help.out, HasSubstr(verb));
+    EXPECT_EQ(run(lightrig + " " + verb + " --help").code, 0) << verb;
+  }
+}
+
+TEST_F(CommandLine, AnswersAMisspeltVerbWithTheOneMeantAndCodeTwo) {
+  const Outcome wrong = run(lightrig + " chekc x.toml");
+  EXPECT_EQ(wrong.code, 2);
+  EXPECT_THAT(wrong.err, HasSubstr("\"check\""));
+  EXPECT_EQ(run(lightrig).code, 2);
+  EXPECT_EQ(run(lightrig + " check").code, 2) << "no rig file given";
+  EXPECT_EQ(run(lightrig + " plan x --criterion best").code, 2);
+}
+
+TEST_F(CommandLine, FindsTheShippedRigValid) {
+  const Outcome checked = run(lightrig + " check " + demo);
+  EXPECT_EQ(checked.code, 0) << checked.err;
+  EXPECT_THAT(checked.out, HasSubstr("valid"));
+  const Json json = Json::parse(run(lightrig + " check --json " + demo).out);
+  EXPECT_TRUE(json["valid"].get<bool>());
+}
+
+TEST_F(CommandLine, ShowsAMisspeltKeyWithItsPlaceAndTheOneMeant) {
+  const std::string rig = changed_rig("settle_s", "setle_s");
+  const Outcome checked = run(lightrig + " check " + rig);
+  EXPECT_EQ(checked.code, 1);
+  EXPECT_THAT(checked.err, HasSubstr("setle_s"));
+  EXPECT_THAT(checked.err, HasSubstr("did you mean"));
+  EXPECT_THAT(checked.err, HasSubstr(rig + ":"));
+  const Json json = Json::parse(run(lightrig + " check --json " + rig).out);
+  EXPECT_FALSE(json["valid"].get<bool>());
+  EXPECT_GT(json["diagnostics"][0]["line"].get<int>(), 0);
+}
+
+TEST_F(CommandLine, SaysWhichFileIsMissing) {
+  for (const char* verb : {"check", "plan", "dry-run"}) {
+    const Outcome missing = run(lightrig + " " + verb + " /nowhere/rig.toml");
+    EXPECT_EQ(missing.code, 1) << verb;
+    EXPECT_THAT(missing.err, HasSubstr("/nowhere/rig.toml")) << verb;
+  }
+  for (const char* verb : {"reduce", "verify", "result"}) {
+    const Outcome missing = run(lightrig + " " + verb + " /nowhere/session");
+    EXPECT_EQ(missing.code, 1) << verb;
+    EXPECT_THAT(missing.err, HasSubstr("/nowhere/session")) << verb;
+  }
+}
+
+TEST_F(CommandLine, RefusesAnEmptyDirectoryOfMaterials) {
+  fs::create_directory(folder_ / "empty");
+  const Outcome imported = run(lightrig + " materials import " + (folder_ / "empty").string() +
+                               " -o " + (folder_ / "out").string());
+  EXPECT_EQ(imported.code, 1);
+  EXPECT_THAT(imported.err, HasSubstr((folder_ / "empty").string()));
+  const std::string rig =
+      changed_rig("source = \"builtin\"", "source = \"" + (folder_ / "empty").string() + "\"");
+  const Outcome planned = run(lightrig + " plan " + rig);
+  EXPECT_EQ(planned.code, 1);
+  EXPECT_THAT(planned.err, HasSubstr("empty"));
+}
+
+TEST_F(CommandLine, KnowsItsMaterials) {
+  const Json all = Json::parse(run(lightrig + " materials list --json").out);
+  EXPECT_GE(all.size(), 40U);
+  const std::string name = all[0]["name"];
+  const Json one = Json::parse(run(lightrig + " materials info --json " + name).out);
+  EXPECT_EQ(one["name"], name);
+  EXPECT_GT(one["values"].get<int>(), 1000);
+  EXPECT_EQ(run(lightrig + " materials info unobtainium").code, 1);
+}
+
+TEST_F(CommandLine, SaysThatNoServiceAnswersAndWhatToLookAt) {
+  const std::string socket = " --socket " + (folder_ / "no.sock").string();
+  for (const char* verb : {"status", "arm", "abort", "start", "watch", "home"}) {
+    const Outcome nobody = run(lightrig + " " + verb + socket);
+    EXPECT_EQ(nobody.code, 1) << verb;
+    EXPECT_THAT(nobody.err, HasSubstr("no lightrigd answers")) << verb;
+    EXPECT_THAT(nobody.err, HasSubstr("--socket")) << verb;
+  }
+}
+
+TEST_F(CommandLine, ArmsNoRealRigByFlag) {
+  const Outcome refused =
+      run(lightrigd + " --rig " + demo + " --auto-arm --socket " + (folder_ / "s").string());
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.err, HasSubstr("--simulate"));
+}
+
+TEST_F(CommandLine, StartsNoServiceOnARootItCannotUse) {
+  std::ofstream(folder_ / "file") << "not a folder";
+  const Outcome refused =
+      run(lightrigd + " --simulate --rig " + demo + " --session-root " +
+          (folder_ / "file" / "root").string() + " --socket " + (folder_ / "s").string());
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.err, HasSubstr("session root"));
+}
+
+TEST_F(CommandLine, ListensToOtherMachinesOnlyWhenToldSo) {
+  const Outcome refused =
+      run(lightrigd + " --simulate --rig " + demo + " --listen 0.0.0.0:0 --token-file " +
+          (folder_ / "t").string() + " --socket " + (folder_ / "s").string());
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.err, HasSubstr("--allow-remote"));
+}
+
+TEST_F(CommandLine, CompletesEveryVerbInEveryShell) {
+  for (const char* shell : {"bash", "zsh", "fish"}) {
+    const Outcome script = run(lightrig + " completion " + shell);
+    EXPECT_EQ(script.code, 0);
+    EXPECT_THAT(script.out, HasSubstr("dry-run"));
+    EXPECT_THAT(script.out, Not(HasSubstr("@VERBS@")));
+  }
+  EXPECT_EQ(run(lightrig + " completion bash | bash -n").code, 0) << "the script is valid";
+}
+
+}  // namespace
