@@ -101,6 +101,10 @@ void add_planning(Verbs& verbs) {
   with_json(verbs.add("backends", "What this build contains, and how to get what it lacks",
                       [json] { return backends(*json); }),
             *json);
+  auto stability_json = std::make_shared<bool>(false);
+  with_json(verbs.add("stability", "Numerical stability on stiff and extreme cases",
+                      [stability_json] { return stability(*stability_json); }),
+            *stability_json);
 }
 
 void add_simple_service_verbs(Verbs& verbs) {

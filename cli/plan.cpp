@@ -8,6 +8,7 @@
 
 #include "cli/json_fields.h"
 #include "cli/left_out.h"
+#include "cli/plan_svg.h"
 #include "cli/rig_files.h"
 #include "cli/say.h"
 #include "cli/verbs.h"
@@ -132,8 +133,10 @@ int plan(const PlanOptions& options) {
   if (!options.output.empty())
     if (auto written = write_durably(options.output, json); !written)
       return complain(with_context("write the plan", written.error()));
-  if (!options.svg.empty())
-    return complain(Error{ErrorCode::not_built, "plan --svg is not in this build yet"});
+  if (!options.svg.empty()) {
+    if (auto drawn = write_durably(options.svg, plan_svg(*prepared)); !drawn)
+      return complain(with_context("draw the plan", drawn.error()));
+  }
   say(options.json ? json : plan_words(rig, *prepared));
   if (!options.output.empty() && !options.json) say("written to " + options.output);
   return 0;

@@ -94,6 +94,9 @@ int materials_import(const std::string& directory, const std::string& output);
 
 int backends(bool json);
 
+/// Stiff and extreme cases against high precision; 1 if one fails.
+int stability(bool json);
+
 /// Shell completion script of "bash", "zsh" or "fish", from the verbs and options of this program.
 int completion(const std::string& shell, const std::vector<std::string>& verbs);
 
