@@ -104,6 +104,19 @@ bool is_armed(State state) {
   return state != State::unarmed && state != State::aborted && state != State::faulted;
 }
 
+std::string_view remedy(State state) {
+  switch (state) {
+    case State::unarmed:
+      return "arm the rig first (lightrig arm)";
+    case State::aborted:
+      return "arm the rig again (lightrig arm)";
+    case State::faulted:
+      return "mend the cause, then clear the fault (lightrig clear) and arm";
+    default:
+      return "wait for its end, or abort it";
+  }
+}
+
 std::string_view name_of(State state) {
   switch (state) {
     case State::unarmed:

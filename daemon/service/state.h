@@ -52,6 +52,9 @@ std::optional<State> next(State state, Event event);
 /// True in the states in which a person has said that the rig may move.
 bool is_armed(State state);
 
+/// What a person can do about the service being in this state.
+std::string_view remedy(State state);
+
 std::string_view name_of(State state);
 std::string_view name_of(Event event);
 
