@@ -279,6 +279,43 @@ std::vector<std::string> names_of(const CLI::App& app) {
   return names;
 }
 
+void add_study_verb(Verbs& verbs) {
+  auto options = std::make_shared<StudyVerbOptions>();
+  auto shards = std::make_shared<std::vector<std::string>>();
+  auto merging = std::make_shared<bool>(false);
+  CLI::App* verb = verbs.add(
+      "study", "Error against lights and run time, over many plans", [options, shards, merging] {
+        return *merging ? study_merge(*shards, options->output) : study(*options);
+      });
+  verb->add_option("--objects", options->objects, "Shapes, mesh files, or names in --meshes");
+  verb->add_option("--meshes", options->meshes, "Folder of named meshes");
+  verb->add_option("--materials", options->materials, "builtin, or a directory of MERL files")
+      ->capture_default_str();
+  verb->add_option("--methods", options->methods, "Methods to compare; all where none is given");
+  verb->add_option("--lights", options->lights, "Numbers of lights to report");
+  verb->add_option("--splits", options->splits, "Splits into training and test")
+      ->capture_default_str();
+  verb->add_option("--random-runs", options->random_runs, "Random light sets per split")
+      ->capture_default_str();
+  verb->add_option("--candidates", options->candidates, "Candidate lights")->capture_default_str();
+  verb->add_option("--components", options->components, "Components of the paper's basis")
+      ->capture_default_str();
+  verb->add_option("--exposures", options->exposures, "Exposures of a bracket; 0: no clipping")
+      ->capture_default_str();
+  verb->add_option("--noise", options->noise, "Relative noise of a measured row");
+  verb->add_option("--floor", options->floor, "Floor of the logarithm [1/sr]")
+      ->capture_default_str();
+  verb->add_option("--seed", options->seed, "Of splits and random lights")->capture_default_str();
+  verb->add_option("--threads", options->threads, "Threads; all where none is given");
+  verb->add_option("--shard", options->shard, "Do the i-th of n parts: i/n");
+  verb->add_flag("--table1", options->table1, "The paper's Table 1 beside ours");
+  verb->add_option("-o,--output", options->output, "Folder to write");
+  CLI::App* merge = verb->add_subcommand("merge", "Bring the folders of shards together");
+  merge->add_option("shards", *shards, "Folders of the shards")->required();
+  merge->add_option("-o,--output", options->output, "Folder to write")->required();
+  merge->callback([merging] { *merging = true; });
+}
+
 // CLI11 knows that a word is unknown, not which one was meant.
 int usage_error(const CLI::App& app, const CLI::ParseError& error, int argc, char** argv) {
   const std::vector<std::string> names = names_of(app);
@@ -306,6 +343,7 @@ int run(int argc, char** argv) {
   add_service_verbs(verbs);
   add_session_verbs(verbs);
   add_material_verbs(verbs);
+  add_study_verb(verbs);
   std::string shell;
   CLI::App* verb = verbs.add("completion", "Print a completion script for a shell",
                              [&] { return completion(shell, names_of(app)); });

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <filesystem>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -93,6 +93,19 @@ int materials_info(const std::string& name, bool json);
 int materials_import(const std::string& directory, const std::string& output);
 
 int backends(bool json);
+
+struct StudyVerbOptions {
+  std::vector<std::string> objects{"sphere"}, methods;
+  std::vector<int> lights;
+  std::string meshes, materials = "builtin", output, shard;
+  int splits = 10, random_runs = 6, candidates = 1000, components = 45, exposures = 0, threads = 0;
+  double noise = 0, floor = 1e-4;
+  std::uint64_t seed = 1;
+  bool table1 = false;
+};
+int study(const StudyVerbOptions& options);
+/// Brings the folders of shards together.
+int study_merge(const std::vector<std::string>& shards, const std::string& output);
 
 /// Stiff and extreme cases against high precision; 1 if one fails.
 int stability(bool json);
