@@ -61,7 +61,8 @@ struct BrdfBasis {
   /// components because these were made to fit.
   Eigen::VectorXd stddev;
   Eigen::VectorXd training_stddev;  ///< (k), descending: over the training set itself
-  Eigen::VectorXd y_min, y_max;     ///< (rows): training range, to clip exponents to
+  Eigen::VectorXd y_min,
+      y_max;  ///< (rows): training range; with folds, half as wide again either way
   /// Standard deviation of a row in a fit besides its noise: what the basis cannot say of unseen
   /// materials, mapped units. The one of least error when materials are left out.
   double model_sigma = 0.15;
