@@ -170,8 +170,11 @@ std::string stop_fired(const SessionRecord& record) {
 
 bool simulated(const SessionRecord& record) {
   if (std::holds_alternative<SimulatedCamera>(record.rig.camera.backend)) return true;
+  // Every start notes what the camera says of itself.
   return std::any_of(record.events.begin(), record.events.end(), [](const JournalEvent& event) {
-    return event.fields.is_object() && event.fields.value("simulated", false);
+    if (event.event != "started" || !event.fields.contains("measured")) return false;
+    const std::string camera = event.fields["measured"].value("camera", std::string());
+    return camera.starts_with("lightrig simulated camera");
   });
 }
 

@@ -1,0 +1,204 @@
+#include "daemon/session/reduction.h"
+
+#include <gmock/gmock.h>
+
+#include "daemon/session/baselines.h"
+#include "daemon/session/held_out.h"
+#include "daemon/session/image_sites.h"
+#include "tests/session/little_lab.h"
+#include "tests/session/scratch.h"
+
+namespace lightrig {
+namespace {
+
+using test::LittleLab;
+using test::Recipe;
+
+const Recipe unknown{{0.35, 0.22, 0.11}, 0.12, 0.22};
+const std::vector<double> bracket{2e-4, 1.6e-3, 1.3e-2};
+
+BrdfTable truth_table(const LittleLab& lab) {
+  BrdfTable table = tabulate(unknown.reflectance(), BivariateGrid{}, 1);
+  if (lab.rig.camera.sensor.channels() == 1) table.f = table.f.rowwise().mean().eval();
+  return table;
+}
+
+Reduction reduce(LittleLab& lab, double ambient, bool ambient_frames, int threads) {
+  ReductionOptions options;
+  options.threads = threads;
+  options.reference = Reference{"truth", truth_table(lab)};
+  options.pictures = true;
+  Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, options);
+  const int shots = static_cast<int>(lab.prepared.plan.shots.size());
+  for (int i = 0; i < shots; ++i) {
+    const auto added =
+        reduction.add(lab.capture(i, unknown.reflectance(), bracket, ambient, ambient_frames));
+    EXPECT_TRUE(added) << added.error().message;
+  }
+  return reduction;
+}
+
+TEST(Reduction, BringsAKnownMaterialBackFromItsFrames) {
+  const Scratch scratch;
+  LittleLab lab(scratch.path());
+  lab.plan({1, 4, 7, 11, 14, 16});
+  Reduction reduction = reduce(lab, 0, false, 2);
+  const CurvePoint point = reduction.estimate();
+  EXPECT_EQ(point.lights, 5);
+  EXPECT_EQ(point.elapsed_s, 50);
+  const double zero_line = mean_only_error(reduction.basis(), truth_table(lab));
+  EXPECT_LT(*point.true_error_percent, 5);
+  EXPECT_LT(*point.true_error_percent, zero_line / 4);
+  EXPECT_GT(*point.held_out_error_percent, *point.true_error_percent / 3);
+  EXPECT_LT(*point.held_out_error_percent, *point.true_error_percent * 3);
+}
+
+TEST(Reduction, GivesEveryChannelOfAMosaicItsOwnValue) {
+  const Scratch scratch;
+  LittleLab lab(scratch.path(), ColorFilter::bayer_grbg);
+  lab.plan({1, 4, 7, 11, 14, 16});
+  Reduction reduction = reduce(lab, 0, false, 1);
+  EXPECT_LT(*reduction.estimate().true_error_percent, 6);
+  // Away from the highlight the material is 0.35 : 0.22 : 0.11.
+  const BrdfTable& brdf = reduction.reconstruction().brdf;
+  const int cell = brdf.grid.cell(60, 20);
+  EXPECT_NEAR(brdf.f(cell, 0) / brdf.f(cell, 1), 0.35 / 0.22, 0.15);
+  EXPECT_NEAR(brdf.f(cell, 1) / brdf.f(cell, 2), 0.22 / 0.11, 0.25);
+}
+
+TEST(Reduction, GivesTheSameNumbersWhateverTheNumberOfThreads) {
+  const Scratch one_folder, three_folder;
+  LittleLab one(one_folder.path()), three(three_folder.path());
+  for (LittleLab* lab : {&one, &three}) lab->plan({1, 7, 11, 16});
+  Reduction by_one = reduce(one, 0.3, true, 1), by_three = reduce(three, 0.3, true, 3);
+  EXPECT_EQ(by_one.estimate().predicted_error_percent, by_three.estimate().predicted_error_percent);
+  EXPECT_TRUE((by_one.coefficients().c.array() == by_three.coefficients().c.array()).all());
+  for (std::size_t i = 0; i < by_one.shots().size(); ++i) {
+    EXPECT_EQ(by_one.shots()[i].site_radiance, by_three.shots()[i].site_radiance);
+  }
+}
+
+TEST(Reduction, TakesAmbientLightOutAgain) {
+  const Scratch clean_folder, lit_folder, blind_folder;
+  LittleLab clean(clean_folder.path()), lit(lit_folder.path()), blind(blind_folder.path());
+  for (LittleLab* lab : {&clean, &lit, &blind}) lab->plan({1, 7, 11, 14, 16});
+  const double ambient = 0.02;  // about the sample's own radiance in its dim parts
+  const double without = *reduce(clean, 0, false, 2).estimate().true_error_percent;
+  const double subtracted = *reduce(lit, ambient, true, 2).estimate().true_error_percent;
+  const double ignored = *reduce(blind, ambient, false, 2).estimate().true_error_percent;
+  EXPECT_LT(subtracted, 1.3 * without + 0.3);
+  EXPECT_GT(ignored, 1.5 * subtracted);
+}
+
+TEST(Reduction, RefusesAFrameThatIsNotTheOneTheJournalNames) {
+  const Scratch scratch;
+  LittleLab lab(scratch.path());
+  lab.plan({7, 11});
+  Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, 1);
+  CapturedShot shot = lab.capture(0, unknown.reflectance(), bracket);
+  shot.frames[1].exposure *= 2;
+  const auto added = reduction.add(shot);
+  ASSERT_FALSE(added);
+  EXPECT_EQ(added.error().code, ErrorCode::invalid_input);
+  EXPECT_THAT(added.error().message, testing::HasSubstr("the journal says"));
+  EXPECT_TRUE(reduction.shots().empty());
+}
+
+TEST(Reduction, SaysWhichShotMissesAFrame) {
+  const Scratch scratch;
+  LittleLab lab(scratch.path());
+  lab.plan({7, 11});
+  Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, 2);
+  CapturedShot shot = lab.capture(0, unknown.reflectance(), bracket);
+  shot.frames[2].file = "frames/gone.exr";
+  const auto added = reduction.add(shot);
+  ASSERT_FALSE(added);
+  EXPECT_EQ(added.error().code, ErrorCode::not_found);
+  EXPECT_THAT(added.error().message,
+              testing::AllOf(testing::HasSubstr("L01"), testing::HasSubstr("gone.exr")));
+}
+
+TEST(Reduction, KeepsFortyFiveComponentsForThePseudoInverse) {
+  const Scratch scratch;
+  LittleLab lab(scratch.path());
+  lab.plan({7, 11});
+  lab.spec.estimator = Estimator::pseudo_inverse;
+  const Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, 1);
+  EXPECT_EQ(reduction.basis().components(),
+            std::min<Eigen::Index>(45, lab.prepared.fit_basis.components()));
+}
+
+TEST(Reduction, PredictsTheImageItCaptured) {
+  const Scratch scratch;
+  LittleLab lab(scratch.path());
+  lab.plan({1, 4, 7, 11, 14, 16});
+  Reduction reduction = reduce(lab, 0, false, 1);
+  reduction.estimate();
+  const BrdfLookup brdf(truth_table(lab));
+  const ReducedShot& shot = reduction.shots()[2];
+  const std::vector<float> predicted = predicted_radiance(
+      *reduction.image_sites(), brdf, shot.light, shot.strength, *lab.prepared.occluder, 2);
+  double seen = 0, difference = 0;
+  for (std::size_t i = 0; i < predicted.size(); ++i) {
+    seen += static_cast<double>(std::abs(shot.site_radiance[i]));
+    difference += static_cast<double>(std::abs(predicted[i] - shot.site_radiance[i]));
+  }
+  EXPECT_LT(difference / seen, 0.03);
+}
+
+// ln f̂ − ln f is 0.1 in every bin, ln f̂ is −2 everywhere, the posterior is as uncertain here as
+// there: 100 · 0.1 / 2 = 5 %, by hand.
+TEST(HeldOut, IsTheMisfitInTermsOfThePercentageError) {
+  Reconstruction fit;
+  fit.brdf.grid = {2, 2};
+  fit.brdf.f = Eigen::ArrayXXd::Constant(4, 1, std::exp(-2.0));
+  fit.log_stddev = Eigen::ArrayXXd::Constant(4, 1, 0.2);
+  BrdfObservations light;
+  for (const int cell : {0, 2}) {
+    BrdfObservation row;
+    row.cell = cell;
+    row.f = std::exp(-2.1);
+    light.rows.push_back(row);
+  }
+  const HeldOutError error = held_out_error({&light, 1}, fit, 1e-4);
+  EXPECT_EQ(error.rows, 2);
+  EXPECT_NEAR(error.seen_percent, 5, 1e-12);
+  EXPECT_NEAR(error.percent, 5, 1e-12);
+
+  // Half the table twice as uncertain: √((0.2² + 0.4²)/2)/0.2 = √2.5 times as much.
+  fit.log_stddev(1, 0) = fit.log_stddev(3, 0) = 0.4;
+  EXPECT_NEAR(held_out_error({&light, 1}, fit, 1e-4).percent, 5 * std::sqrt(2.5), 1e-12);
+
+  // Noise as large as the misfit explains all of it.
+  for (BrdfObservation& row : light.rows) row.variance = 0.01 * row.f * row.f;
+  EXPECT_NEAR(held_out_error({&light, 1}, fit, 1e-4).percent, 0, 1e-6);
+}
+
+TEST(HeldOut, SaysNothingWithoutARow) {
+  Reconstruction fit;
+  fit.brdf.grid = {1, 1};
+  fit.brdf.f = Eigen::ArrayXXd::Constant(1, 1, 0.1);
+  fit.log_stddev = Eigen::ArrayXXd::Constant(1, 1, 0.1);
+  EXPECT_TRUE(std::isnan(held_out_error({}, fit, 1e-4).percent));
+}
+
+TEST(RandomLights, DependOnTheSeedAndNotOnTheThreads) {
+  const Scratch scratch;
+  const LittleLab lab(scratch.path());
+  const BrdfTable truth = truth_table(lab);
+  const std::vector<double> noise{0.01, 0.02};
+  const RandomLights a =
+      random_lights(lab.prepared.fit_basis, lab.prepared.bins, truth, noise, {4, 6, 3, 1});
+  const RandomLights b =
+      random_lights(lab.prepared.fit_basis, lab.prepared.bins, truth, noise, {4, 6, 3, 2});
+  const RandomLights c =
+      random_lights(lab.prepared.fit_basis, lab.prepared.bins, truth, noise, {4, 6, 4, 2});
+  EXPECT_EQ(a.map_percent, b.map_percent);
+  EXPECT_EQ(a.pseudo_inverse_percent, b.pseudo_inverse_percent);
+  EXPECT_NE(a.map_percent, c.map_percent);
+  EXPECT_EQ(a.lights, 4);
+  EXPECT_LT(a.map_percent, mean_only_error(lab.prepared.fit_basis, truth));
+}
+
+}  // namespace
+}  // namespace lightrig
