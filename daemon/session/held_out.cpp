@@ -7,52 +7,59 @@
 namespace lightrig {
 namespace {
 
-struct MeanSquare {
-  double sum = 0;
-  std::int64_t count = 0;
+struct Mean {
+  double sum = 0, weights = 0;
 
-  void add(double value) {
-    sum += value * value;
-    ++count;
+  void add(double value, double weight = 1) {
+    sum += weight * value;
+    weights += weight;
   }
-  double mean() const { return count > 0 ? sum / static_cast<double>(count) : 0; }
+  double value() const { return weights > 0 ? sum / weights : 0; }
 };
+
+double square(double x) { return x * x; }
 
 }  // namespace
 
 HeldOutError held_out_error(std::span<const BrdfObservations> held_out,
                             const Reconstruction& reconstruction, double floor) {
   const BrdfTable& brdf = reconstruction.brdf;
-  MeanSquare level, uncertainty;
+  Mean level, uncertainty;
   for (Eigen::Index channel = 0; channel < brdf.f.cols(); ++channel) {
     for (Eigen::Index cell = 0; cell < brdf.f.rows(); ++cell) {
       if (!std::isfinite(brdf.f(cell, channel))) continue;
-      level.add(std::log(std::max(brdf.f(cell, channel), floor)));
-      uncertainty.add(reconstruction.log_stddev(cell, channel));
+      level.add(square(std::log(std::max(brdf.f(cell, channel), floor))));
+      uncertainty.add(square(reconstruction.log_stddev(cell, channel)));
     }
   }
-  MeanSquare misfit, noise, uncertainty_seen;
+  HeldOutError error;
+  Mean misfit, noise, uncertainty_seen;
   for (const BrdfObservations& light : held_out) {
     for (const BrdfObservation& row : light.rows) {
       if (row.kind != BrdfObservation::Kind::value || row.channel >= brdf.f.cols()) continue;
       const double f = brdf.f(row.cell, row.channel);
       if (!std::isfinite(f) || !(row.f > 0)) continue;
       const double measured = std::max(row.f, floor);
-      misfit.add(std::log(std::max(f, floor)) - std::log(measured));
-      noise.add(std::sqrt(row.variance) / measured);
-      uncertainty_seen.add(reconstruction.log_stddev(row.cell, row.channel));
+      const double noise2 = row.variance / square(measured);
+      const double posterior2 = square(reconstruction.log_stddev(row.cell, row.channel));
+      if (!(noise2 + posterior2 > 0)) continue;
+      // A squared misfit scatters by twice the square of what is expected of it.
+      const double weight = 1 / square(noise2 + posterior2);
+      misfit.add(square(std::log(std::max(f, floor) / measured)), weight);
+      noise.add(noise2, weight);
+      uncertainty_seen.add(posterior2, weight);
+      ++error.rows;
     }
   }
-  HeldOutError error;
-  error.rows = static_cast<int>(misfit.count);
-  if (misfit.count == 0 || !(level.mean() > 0)) {
+  if (error.rows == 0 || !(level.value() > 0)) {
     error.percent = error.seen_percent = std::numeric_limits<double>::quiet_NaN();
     return error;
   }
-  error.seen_percent = 100 * std::sqrt(std::max(0.0, misfit.mean() - noise.mean()) / level.mean());
+  error.seen_percent =
+      100 * std::sqrt(std::max(0.0, misfit.value() - noise.value()) / level.value());
   error.percent = error.seen_percent;
-  if (uncertainty_seen.mean() > 0) {
-    error.percent *= std::sqrt(uncertainty.mean() / uncertainty_seen.mean());
+  if (uncertainty_seen.value() > 0) {
+    error.percent *= std::sqrt(uncertainty.value() / uncertainty_seen.value());
   }
   return error;
 }

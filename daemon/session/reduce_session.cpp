@@ -2,11 +2,13 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <system_error>
 
 #include "daemon/session/baselines.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/frame_file.h"
 #include "daemon/session/held_out.h"
+#include "daemon/session/manifest.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/report.h"
 #include "daemon/session/result_pictures.h"
@@ -216,6 +218,12 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   const fs::path folder = root / "result";
   if (auto written = write_result(folder, result, *pictures); !written) {
     return tl::unexpected(with_context("write the result", written.error()));
+  }
+  std::error_code ignored;
+  if (out.empty() || fs::equivalent(root, record->folder.root, ignored)) {
+    if (auto renewed = renew_results_in_manifest(record->folder); !renewed) {
+      return tl::unexpected(with_context("keep the seal", renewed.error()));
+    }
   }
   return summary_of(result, folder);
 }

@@ -12,6 +12,7 @@
 #include "daemon/session/compare.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/image_numbers.h"
+#include "daemon/session/manifest.h"
 #include "daemon/session/reduction.h"
 
 namespace lightrig {
@@ -180,36 +181,22 @@ Reproduction reproduce(const fs::path& session, const fs::path& again) {
   return out;
 }
 
-// Checks every line of manifest-sha256.txt [BagIt, RFC 8493]: "<hex>  <path>".
-int check_manifest(const fs::path& root, const fs::path& manifest,
-                   std::vector<std::string>& findings) {
-  const auto text = read_file(manifest);
-  if (!text) {
-    findings.push_back(text.error().message);
+// Every file that was sealed, against its checksum then.
+int check_manifest(const SessionFolder& folder, std::vector<std::string>& findings) {
+  const auto digests = read_manifest(folder);
+  if (!digests) {
+    findings.push_back(digests.error().message);
     return 0;
   }
-  int checked = 0, line_number = 0;
-  std::istringstream lines(*text);
-  for (std::string line; std::getline(lines, line);) {
-    ++line_number;
-    if (line.empty()) continue;
-    const std::size_t space = line.find_first_of(" \t");
-    const std::size_t name_at = line.find_first_not_of(" \t*", space);
-    if (space != 64 || name_at == std::string::npos) {
-      findings.push_back(
-          fmt::format("manifest-sha256.txt:{}: is not '<sha256>  <path>'", line_number));
-      continue;
-    }
-    const std::string name = line.substr(name_at);
-    const auto bytes = read_file(root / name);
-    ++checked;
+  for (const auto& [name, digest] : *digests) {
+    const auto bytes = read_file(folder.root / name);
     if (!bytes) {
       findings.push_back(fmt::format("{}: {}", name, bytes.error().message));
-    } else if (sha256_hex(*bytes) != line.substr(0, space)) {
+    } else if (sha256_hex(*bytes) != digest) {
       findings.push_back(name + ": is not what was sealed (checksum differs)");
     }
   }
-  return checked;
+  return static_cast<int>(digests->size());
 }
 
 // Every frame the journal names, against the checksum it was journaled with.
@@ -267,7 +254,7 @@ Result<VerifyReport> verify_session(const fs::path& session, int threads) {
   VerifyReport report;
   int sealed_files = 0;
   const bool sealed = fs::exists(folder.manifest(), ignored);
-  if (sealed) sealed_files = check_manifest(session, folder.manifest(), report.findings);
+  if (sealed) sealed_files = check_manifest(folder, report.findings);
   const auto record = read_session_folder(session);
   if (!record) {
     report.findings.push_back(record.error().message);

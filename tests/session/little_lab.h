@@ -1,5 +1,7 @@
 #pragma once
 
+#include <fmt/format.h>
+
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -39,7 +41,7 @@ inline std::vector<Material> recipe_materials() {
     for (const double specular : {0.03, 0.08, 0.3}) {
       for (const double roughness : {0.08, 0.15, 0.3, 0.55}) {
         const Recipe recipe{{base, 0.8 * base, 0.6 * base}, specular, roughness};
-        materials.push_back({"m" + std::to_string(materials.size()), "recipe", "test",
+        materials.push_back({fmt::format("m{}", materials.size()), "recipe", "test",
                              tabulate(recipe.reflectance(), BivariateGrid{}, 1)});
       }
     }
@@ -115,11 +117,11 @@ class LittleLab {
     CapturedShot shot;
     shot.index = index;
     shot.held_out = prepared.plan.shots[static_cast<std::size_t>(index)].held_out;
-    shot.name = (shot.held_out ? "H0" : "L0") + std::to_string(index + 1);
+    shot.name = fmt::format("{}{:02}", shot.held_out ? "H" : "L", index + 1);
     shot.elapsed_s = 10.0 * (index + 1);
     const LightPosition& light = prepared.plan.shots[static_cast<std::size_t>(index)].light;
     for (std::size_t e = 0; e < exposures.size(); ++e) {
-      shot.frames.push_back(store(shot.name + "-" + std::to_string(e), "bracket", exposures[e],
+      shot.frames.push_back(store(fmt::format("{}-{}", shot.name, e), "bracket", exposures[e],
                                   &truth, light, ambient));
     }
     if (ambient_frame) {

@@ -1,0 +1,230 @@
+#include <gmock/gmock.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "config/read_rig.h"
+#include "daemon/session/compare.h"
+#include "daemon/session/durable_file.h"
+#include "daemon/session/image_numbers.h"
+#include "daemon/session/manifest.h"
+#include "daemon/session/reduction.h"
+#include "daemon/session/session.h"
+#include "sim/open_devices.h"
+#include "sim/sim_clock.h"
+#include "tests/session/scratch.h"
+
+namespace lightrig {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::SizeIs;
+
+void replace(std::string& text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  ASSERT_NE(at, std::string::npos) << from;
+  text.replace(at, from.size(), to);
+}
+
+// The demo's rig with a quarter of its pixels across and fewer lights.
+std::string small_demo_rig(const fs::path& sessions) {
+  std::string text = read_file(fs::path(LIGHTRIG_SOURCE_DIR) / "config/demo.toml").value();
+  replace(text, "width_px = 640", "width_px = 160");
+  replace(text, "height_px = 480", "height_px = 120");
+  replace(text, "fx_px = 3478", "fx_px = 869.5");
+  replace(text, "\"../sessions\"", "\"" + sessions.string() + "\"");
+  replace(text, "controllers/generic.toml", LIGHTRIG_SOURCE_DIR "/config/controllers/generic.toml");
+  replace(text, "count = 1000", "count = 120");
+  replace(text, "max_lights = 7", "max_lights = 4");
+  return text;
+}
+
+/// One captured and reduced session, shared by the tests: each works on a copy.
+class Story : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    shared_ = std::make_unique<Scratch>();
+    const fs::path rig_file = shared_->path() / "rig.toml";
+    std::ofstream(rig_file) << small_demo_rig(shared_->path());
+    const auto rig = read_rig(rig_file);
+    for (const Diagnostic& d : rig.diagnostics) ADD_FAILURE() << to_text(d, rig.text);
+    ASSERT_TRUE(rig.value);
+    const auto spec = read_session("", *rig.value);
+    ASSERT_TRUE(spec.value);
+    const auto prepared = prepare(*rig.value, *spec.value);
+    ASSERT_TRUE(prepared) << prepared.error().message;
+    const auto folder = create_session(*rig.value, *spec.value, *prepared, "story");
+    ASSERT_TRUE(folder) << folder.error().message;
+    const auto clock = sim::make_clock(std::numeric_limits<double>::infinity());
+    const auto world = sim::make_world(*rig.value, spec.value->object, *clock, 1);
+    ASSERT_TRUE(world) << world.error().message;
+    auto devices = sim::open_devices(*rig.value, *world);
+    ASSERT_TRUE(devices) << devices.error().message;
+    SessionControl control;
+    const SessionEnd end =
+        capture(*folder, *rig.value, *spec.value, *prepared, *devices, *clock, control, {});
+    ASSERT_EQ(end.outcome, SessionOutcome::done) << end.reason;
+    const auto summary = reduce_session(folder->root, "", 2);
+    ASSERT_TRUE(summary) << summary.error().message;
+    summary_ = *summary;
+    const auto sealed = seal_session(*folder);
+    ASSERT_TRUE(sealed) << sealed.error().message;
+  }
+  static void TearDownTestSuite() { shared_.reset(); }
+
+  void SetUp() override {
+    ASSERT_TRUE(summary_) << "the session could not be made";
+    fs::copy(shared_->path() / "story", session_, fs::copy_options::recursive);
+  }
+
+  static std::unique_ptr<Scratch> shared_;
+  static std::optional<ReductionSummary> summary_;
+  Scratch scratch_;
+  const fs::path session_ = scratch_.path() / "story";
+};
+
+std::unique_ptr<Scratch> Story::shared_;
+std::optional<ReductionSummary> Story::summary_;
+
+TEST_F(Story, AMaterialTheBasisNeverSawComesBack) {
+  ASSERT_TRUE(summary_->has_truth);
+  ASSERT_THAT(summary_->curve, SizeIs(4));
+  EXPECT_LT(summary_->true_error.percent_log, 10);
+  EXPECT_LT(summary_->true_error.percent_log, summary_->mean_only_error_percent / 3);
+  EXPECT_LT(summary_->true_error.percent_log, *summary_->random_lights_error_percent);
+  for (std::size_t i = 1; i < summary_->curve.size(); ++i) {
+    EXPECT_GT(summary_->curve[i].elapsed_s, summary_->curve[i - 1].elapsed_s);
+  }
+  const CurvePoint& last = summary_->curve.back();
+  ASSERT_TRUE(last.held_out_error_percent);
+  EXPECT_LT(*last.held_out_error_percent, 4 * summary_->true_error.percent_log);
+  EXPECT_GT(*last.held_out_error_percent, summary_->true_error.percent_log / 4);
+}
+
+TEST_F(Story, ResultJsonAgreesWithTheFilesBesideIt) {
+  const auto json = nlohmann::json::parse(read_file(session_ / "result/result.json").value());
+  const auto brdf = load_brdf(session_);
+  ASSERT_TRUE(brdf);
+  EXPECT_EQ(json["curve"].size(), 4);
+  EXPECT_EQ(json["curve"].back()["true_error_percent"], json["error"]["percent_log"]);
+  EXPECT_EQ(json["lights"].size(), 5);
+  EXPECT_GT(json["left_out"]["repeated_bins"]["left_out"], 1000);
+  EXPECT_EQ(json["baselines"]["random_lights"]["sets"], 20);
+  const auto uncertainty = read_image_numbers(session_ / "result/uncertainty.exr");
+  ASSERT_TRUE(uncertainty);
+  EXPECT_EQ(uncertainty->width, 90);
+  EXPECT_EQ(uncertainty->height, 90);
+  const auto radiance = read_image_numbers(session_ / "radiance/L01.exr");
+  ASSERT_TRUE(radiance);
+  EXPECT_EQ(radiance->width, 160);
+  EXPECT_THAT(radiance->channels, testing::ElementsAre("L", "site", "variance"));
+  for (const char* picture : {"sphere", "table", "table-difference", "uncertainty", "coverage",
+                              "L01", "L01-cells", "H01", "H01-cells"}) {
+    EXPECT_TRUE(fs::exists(session_ / "result" / (std::string(picture) + ".png"))) << picture;
+  }
+}
+
+TEST_F(Story, IsFoundSound) {
+  const auto report = verify_session(session_, 1);  // reduced with two threads
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_THAT(report->findings, SizeIs(0));
+  EXPECT_TRUE(report->sound);
+  EXPECT_THAT(report->summary, HasSubstr("reproduced"));
+}
+
+TEST_F(Story, KeepsItsSealWhenReducedAgain) {
+  ASSERT_TRUE(reduce_session(session_, "", 2));
+  const auto report = verify_session(session_, 2);
+  ASSERT_TRUE(report);
+  EXPECT_THAT(report->findings, SizeIs(0));
+}
+
+TEST_F(Story, NamesADamagedFrame) {
+  fs::path frame;
+  for (const auto& entry : fs::recursive_directory_iterator(session_ / "frames")) {
+    if (entry.path().extension() == ".exr") frame = entry.path();
+  }
+  std::fstream file(frame, std::ios::in | std::ios::out | std::ios::binary);
+  file.seekp(static_cast<std::streamoff>(fs::file_size(frame) / 2));
+  file.put('\x5a').put('\x5a').put('\x5a');
+  file.close();
+  const auto report = verify_session(session_, 1);
+  ASSERT_TRUE(report);
+  EXPECT_FALSE(report->sound);
+  EXPECT_THAT(report->findings,
+              testing::Contains(HasSubstr(frame.lexically_relative(session_).string())));
+}
+
+TEST_F(Story, NamesAResultThatTheFramesDoNotGive) {
+  fs::remove(session_ / "manifest-sha256.txt");  // as if someone had re-made it
+  std::string bytes = read_file(session_ / "result/brdf.binary").value();
+  bytes[bytes.size() / 2 + 6] = static_cast<char>(bytes[bytes.size() / 2 + 6] ^ 0x10);
+  std::ofstream(session_ / "result/brdf.binary", std::ios::binary) << bytes;
+  std::string json = read_file(session_ / "result/result.json").value();
+  replace(json, "\"components\": ", "\"components\": 1");
+  std::ofstream(session_ / "result/result.json") << json;
+  const auto report = verify_session(session_, 1);
+  ASSERT_TRUE(report);
+  EXPECT_FALSE(report->sound);
+  EXPECT_THAT(report->findings,
+              testing::Contains(HasSubstr("result/brdf.binary: differs in 1 of")));
+  EXPECT_THAT(report->findings,
+              testing::Contains(HasSubstr("result/result.json: differs at method.components")));
+}
+
+TEST_F(Story, NamesAMissingFile) {
+  fs::remove(session_ / "radiance/L02.exr");
+  const auto report = verify_session(session_, 1);
+  ASSERT_TRUE(report);
+  EXPECT_THAT(report->findings, testing::Contains(HasSubstr("radiance/L02.exr")));
+}
+
+TEST_F(Story, IsComparedAndExported) {
+  const fs::path merl = scratch_.path() / "full.binary";
+  const auto exported = export_merl(session_, merl);
+  ASSERT_TRUE(exported) << exported.error().message;
+  EXPECT_EQ(fs::file_size(merl), 34992012);  // 12 + 3 · 90 · 90 · 180 · 8
+  const auto a = load_brdf(merl), b = load_brdf(session_);
+  ASSERT_TRUE(a && b);
+  const auto same = compare(*a, *b, 1e-4, 2);
+  ASSERT_TRUE(same) << same.error().message;
+  EXPECT_LT(same->error.percent_log, 1e-9);
+  EXPECT_NEAR(same->mean_ratio, 1, 1e-9);
+
+  BrdfTable brighter = *b;
+  brighter.f *= 1.1;
+  const auto scaled = compare(brighter, *b, 1e-4, 2);
+  ASSERT_TRUE(scaled);
+  EXPECT_NEAR(scaled->mean_ratio, 1.1, 1e-3);  // cells at the floor do not scale
+  EXPECT_GT(scaled->error.percent_log, 10 * scaled->percent_log_scaled);
+  EXPECT_FALSE(scaled->png.empty());
+}
+
+TEST_F(Story, WithoutAResultSaysHowToGetOne) {
+  fs::remove_all(session_ / "result");
+  const auto brdf = load_brdf(session_);
+  ASSERT_FALSE(brdf);
+  EXPECT_THAT(brdf.error().message, HasSubstr("lightrig reduce"));
+}
+
+TEST(Verify, RefusesAFolderThatIsNoSession) {
+  const Scratch scratch;
+  const auto report = verify_session(scratch.path(), 1);
+  ASSERT_FALSE(report);
+  EXPECT_EQ(report.error().code, ErrorCode::not_found);
+}
+
+TEST(Manifest, RefusesAPathThatLeadsOut) {
+  const Scratch scratch;
+  std::ofstream(scratch.path() / "manifest-sha256.txt")
+      << std::string(64, 'a') << "  frames/x.exr\n"
+      << std::string(64, 'b') << "  ../../etc/passwd\n";
+  const auto manifest = read_manifest({scratch.path()});
+  ASSERT_FALSE(manifest);
+  EXPECT_THAT(manifest.error().message, HasSubstr("manifest-sha256.txt:2"));
+}
+
+}  // namespace
+}  // namespace lightrig
