@@ -17,6 +17,8 @@ std::int64_t used_exposures(const CapturedShot& shot) {
   });
 }
 
+bool as_asked(const std::string& remark) { return remark.ends_with("held out, as asked"); }
+
 bool repaired(const MeshRepairs& r) {
   return r.non_finite_vertices + r.degenerate_triangles + r.duplicate_triangles +
                  r.non_manifold_edges >
@@ -69,9 +71,11 @@ std::vector<LeftOutLine> left_out_lines(const SessionRecord& record, const Prepa
                    record.spec.estimator == Estimator::map
                        ? "the prior makes limiting them needless"
                        : "the pseudo-inverse has no prior to hold them"});
+  lines.push_back({"materials", "materials of the set",
+                   std::count_if(prepared.remarks.begin(), prepared.remarks.end(), as_asked),
+                   basis.materials, "held out of the basis, as the session asks"});
   lines.push_back({"channels", "colour channels", out.channels_not_needed, channels,
                    channels == 1 ? "the camera is monochrome" : "all are used"});
-  lines.back().left_out = std::max<std::int64_t>(lines.back().left_out, 0);
   for (LeftOutLine& line : lines) line.left_out = std::max<std::int64_t>(line.left_out, 0);
   return lines;
 }
@@ -80,10 +84,11 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
                                      const SessionResult& result) {
   std::vector<std::string> lines;
   for (const std::string& remark : prepared.remarks) {
-    // What the object is, is no warning; what had to be repaired in it, is.
-    if (remark != prepared.object.description || repaired(prepared.object.repairs)) {
-      lines.push_back(remark);
-    }
+    // What the object is, is no warning, what had to be repaired in it, is; nor is it one that
+    // materials were left out because the session asks for it.
+    const bool description = remark == prepared.object.description;
+    if (as_asked(remark) || (description && !repaired(prepared.object.repairs))) continue;
+    lines.push_back(remark);
   }
   if (!result.absolute_scale) {
     lines.push_back(
@@ -132,27 +137,30 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
 std::vector<LightResult> light_results(const Reduction& reduction, const Plan& plan) {
   std::vector<LightResult> lights;
   std::set<std::int32_t> seen;
-  for (std::size_t i = 0; i < reduction.shots().size(); ++i) {
-    const ReducedShot& shot = reduction.shots()[i];
-    const BrdfObservations& observed = reduction.observations()[i];
-    LightResult light;
-    light.shot = shot.shot;
-    light.light = shot.light;
-    const SelectedLight& planned = plan.shots[static_cast<std::size_t>(shot.shot.index)].selection;
-    light.condition = planned.condition;
-    light.predicted_error_percent = planned.predicted_error_percent;
-    for (const BrdfObservation& row : observed.rows) {
-      (row.kind == BrdfObservation::Kind::value ? light.rows_value : light.rows_censored) += 1;
-      const bool is_new =
-          shot.shot.held_out ? seen.count(row.cell) == 0 : seen.insert(row.cell).second;
-      // Channels share cells: a held-out light's new cells are counted on its first channel.
-      light.new_cells += is_new && (!shot.shot.held_out || row.channel == 0) ? 1 : 0;
+  // Fitted lights in the order of capture, then the held-out ones: what is new in those, no fit
+  // saw.
+  for (const bool held_out : {false, true}) {
+    for (std::size_t i = 0; i < reduction.shots().size(); ++i) {
+      const ReducedShot& shot = reduction.shots()[i];
+      if (shot.shot.held_out != held_out) continue;
+      const BrdfObservations& observed = reduction.observations()[i];
+      LightResult light;
+      light.shot = shot.shot;
+      light.light = shot.light;
+      const SelectedLight& planned =
+          plan.shots[static_cast<std::size_t>(shot.shot.index)].selection;
+      light.condition = planned.condition;
+      light.predicted_error_percent = planned.predicted_error_percent;
+      for (const BrdfObservation& row : observed.rows) {
+        (row.kind == BrdfObservation::Kind::value ? light.rows_value : light.rows_censored) += 1;
+        light.new_cells += seen.insert(row.cell).second ? 1 : 0;
+      }
+      light.misfit_percent = held_out_error({&observed, 1}, reduction.reconstruction(),
+                                            reduction.basis().mapping.floor)
+                                 .seen_percent;
+      light.statistics = observed.statistics;
+      lights.push_back(std::move(light));
     }
-    light.misfit_percent =
-        held_out_error({&observed, 1}, reduction.reconstruction(), reduction.basis().mapping.floor)
-            .seen_percent;
-    light.statistics = observed.statistics;
-    lights.push_back(std::move(light));
   }
   return lights;
 }

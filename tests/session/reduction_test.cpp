@@ -14,7 +14,16 @@ namespace {
 using test::LittleLab;
 using test::Recipe;
 
-const Recipe unknown{{0.35, 0.22, 0.11}, 0.12, 0.22};
+/// A material unlike any of the basis: its base brightens and darkens with θd.
+struct Unknown {
+  Reflectance reflectance() const {
+    const Recipe recipe{{0.35, 0.22, 0.11}, 0.12, 0.22};
+    return [inner = recipe.reflectance()](const HalfDiff& a) -> Eigen::Array3d {
+      return inner(a) * std::exp(0.25 * std::sin(4 * a.theta_d));
+    };
+  }
+};
+const Unknown unknown;
 const std::vector<double> bracket{2e-4, 1.6e-3, 1.3e-2};
 
 BrdfTable truth_table(const LittleLab& lab) {
@@ -152,7 +161,7 @@ TEST(HeldOut, IsTheMisfitInTermsOfThePercentageError) {
   Reconstruction fit;
   fit.brdf.grid = {2, 2};
   fit.brdf.f = Eigen::ArrayXXd::Constant(4, 1, std::exp(-2.0));
-  fit.log_stddev = Eigen::ArrayXXd::Constant(4, 1, 0.2);
+  fit.log_stddev = Eigen::ArrayXXd::Constant(4, 1, 0.02);
   BrdfObservations light;
   for (const int cell : {0, 2}) {
     BrdfObservation row;
@@ -165,13 +174,18 @@ TEST(HeldOut, IsTheMisfitInTermsOfThePercentageError) {
   EXPECT_NEAR(error.seen_percent, 5, 1e-12);
   EXPECT_NEAR(error.percent, 5, 1e-12);
 
-  // Half the table twice as uncertain: √((0.2² + 0.4²)/2)/0.2 = √2.5 times as much.
-  fit.log_stddev(1, 0) = fit.log_stddev(3, 0) = 0.4;
+  // Half the table twice as uncertain: √((0.02² + 0.04²)/2)/0.02 = √2.5 times as much.
+  fit.log_stddev(1, 0) = fit.log_stddev(3, 0) = 0.04;
   EXPECT_NEAR(held_out_error({&light, 1}, fit, 1e-4).percent, 5 * std::sqrt(2.5), 1e-12);
 
-  // Noise as large as the misfit explains all of it.
+  // However overconfident the posterior is here, 2.5 times is all it may add.
+  fit.log_stddev(1, 0) = fit.log_stddev(3, 0) = 4;
+  EXPECT_NEAR(held_out_error({&light, 1}, fit, 1e-4).percent, 5 * 2.5, 1e-12);
+
+  // Noise as large as the misfit explains all of it; what is left is the standard error of two
+  // rows, 0.01 + 0.02² expected of each: 100 · √(0.0104 · √(2/2)) / 2.
   for (BrdfObservation& row : light.rows) row.variance = 0.01 * row.f * row.f;
-  EXPECT_NEAR(held_out_error({&light, 1}, fit, 1e-4).percent, 0, 1e-6);
+  EXPECT_NEAR(held_out_error({&light, 1}, fit, 1e-4).seen_percent, 50 * std::sqrt(0.0104), 1e-9);
 }
 
 TEST(HeldOut, SaysNothingWithoutARow) {

@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <fstream>
@@ -34,7 +35,7 @@ std::string small_demo_rig(const fs::path& sessions) {
   replace(text, "width_px = 640", "width_px = 160");
   replace(text, "height_px = 480", "height_px = 120");
   replace(text, "fx_px = 3478", "fx_px = 869.5");
-  replace(text, "\"../sessions\"", "\"" + sessions.string() + "\"");
+  replace(text, "\"../sessions\"", fmt::format("\"{}\"", sessions.string()));
   replace(text, "controllers/generic.toml", LIGHTRIG_SOURCE_DIR "/config/controllers/generic.toml");
   replace(text, "count = 1000", "count = 120");
   replace(text, "max_lights = 7", "max_lights = 4");
@@ -122,7 +123,7 @@ TEST_F(Story, ResultJsonAgreesWithTheFilesBesideIt) {
   EXPECT_THAT(radiance->channels, testing::ElementsAre("L", "site", "variance"));
   for (const char* picture : {"sphere", "table", "table-difference", "uncertainty", "coverage",
                               "L01", "L01-cells", "H01", "H01-cells"}) {
-    EXPECT_TRUE(fs::exists(session_ / "result" / (std::string(picture) + ".png"))) << picture;
+    EXPECT_TRUE(fs::exists(session_ / "result" / fmt::format("{}.png", picture))) << picture;
   }
 }
 
