@@ -5,9 +5,9 @@
 #include <numbers>
 #include <thread>
 
+#include "core/adaptive_fit.h"
 #include "core/brdf_error.h"
 #include "core/check.h"
-#include "core/fit.h"
 
 namespace lightrig {
 namespace {
@@ -72,7 +72,8 @@ double error_of(const BrdfBasis& basis, std::span<const BrdfObservations> lights
                 const BrdfTable& reference, Estimator estimator) {
   FitOptions options;
   options.estimator = estimator;
-  const Coefficients fitted = fit(basis, lights, static_cast<int>(reference.f.cols()), options);
+  const Coefficients fitted =
+      fit_adaptive(basis, lights, static_cast<int>(reference.f.cols()), options).coefficients;
   return brdf_error(evaluate(basis, fitted.c), reference, basis.mapping.floor).percent_log;
 }
 

@@ -95,6 +95,7 @@ void describe_session(const SessionRecord& record, const Reduction& reduction, i
   r.arithmetic = arithmetic(threads);
   r.floor = basis.mapping.floor;
   r.model_sigma = basis.model_sigma;
+  r.expected_sigma = reduction.expected_sigma();
   r.variance_captured = basis.variance_captured;
   r.basis_materials = basis.materials;
   r.components = static_cast<int>(basis.components());

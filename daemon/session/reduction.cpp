@@ -8,6 +8,7 @@
 #include <thread>
 #include <utility>
 
+#include "core/adaptive_fit.h"
 #include "core/check.h"
 #include "core/merge_hdr.h"
 #include "daemon/session/durable_file.h"
@@ -22,6 +23,9 @@ namespace {
 // The published estimator has no prior: with all components it would chase noise [Ali 2013].
 constexpr Eigen::Index pseudo_inverse_components = 45;
 constexpr int picture_pixels = 300;
+// Once the data have shown how far this material is from the basis, what is left unknown of its
+// model error is this much [ln] instead of what differs between all materials.
+constexpr double judged_spread = 0.4;
 
 bool is_data(const StoredFrame& frame) {
   return frame.role == "bracket" || frame.role == "metering";
@@ -84,7 +88,8 @@ struct Reduction::State {
   std::vector<StoredFrame> stored_darks;
   ReductionOptions options;
 
-  BrdfBasis truncated_basis;  ///< used when it has components
+  BrdfBasis basis;            ///< the fit's; its model error is what the data showed
+  double expected_sigma = 0;  ///< model error before any data, mapped units
   std::optional<std::vector<Frame>> darks;
   std::optional<ImageSites> sites;
   std::vector<BrdfObservations> observations;
@@ -92,10 +97,6 @@ struct Reduction::State {
   Coefficients coefficients;
   Reconstruction reconstruction;
   std::vector<StageCost> cost;
-
-  const BrdfBasis& basis() const {
-    return truncated_basis.components() > 0 ? truncated_basis : prepared->fit_basis;
-  }
 
   Result<RadianceImage> merge(const std::vector<StoredFrame>& stored);
   void extract_shot(const CapturedShot& shot, const RadianceImage& image,
@@ -132,7 +133,7 @@ void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImag
   extraction.lamp_strength = reduced.strength;
   extraction.threads = options.threads;
   observations.push_back(extract(image, ambient, prepared->points, rig->camera.model, reduced.light,
-                                 basis().grid, basis().valid, *prepared->occluder, extraction));
+                                 basis.grid, basis.valid, *prepared->occluder, extraction));
   extracting.stop();
   if (options.pictures) {
     Stopwatch drawing("pictures", cost);
@@ -163,10 +164,12 @@ Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& pr
   state_->folder = std::move(folder);
   state_->stored_darks = std::move(darks);
   state_->options = std::move(options);
+  state_->basis = prepared.fit_basis;
   if (spec.estimator == Estimator::pseudo_inverse &&
       prepared.fit_basis.components() > pseudo_inverse_components) {
-    state_->truncated_basis = truncated(prepared.fit_basis, pseudo_inverse_components);
+    state_->basis = truncated(prepared.fit_basis, pseudo_inverse_components);
   }
+  state_->expected_sigma = state_->basis.model_sigma;
 }
 
 Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
@@ -220,10 +223,16 @@ CurvePoint Reduction::estimate() {
   const std::vector<BrdfObservations> held_out = s.observed(true);
   FitOptions fit_options;
   fit_options.estimator = s.spec->estimator;
-  s.coefficients = fit(s.basis(), fitted, s.rig->camera.sensor.channels(), fit_options);
+  fit_options.model_sigma = s.expected_sigma;
+  AdaptiveFit adapted = fit_adaptive(s.basis, fitted, s.rig->camera.sensor.channels(), fit_options);
+  s.coefficients = std::move(adapted.coefficients);
+  s.basis.model_sigma = adapted.model_sigma;
+  s.basis.model_sigma_spread =
+      adapted.raised ? std::min(s.prepared->fit_basis.model_sigma_spread, judged_spread)
+                     : s.prepared->fit_basis.model_sigma_spread;
   fitting.stop();
   Stopwatch reconstructing("reconstruct", s.cost);
-  s.reconstruction = reconstruct(s.basis(), s.coefficients);
+  s.reconstruction = reconstruct(s.basis, s.coefficients);
 
   CurvePoint point;
   point.lights = static_cast<int>(fitted.size());
@@ -233,7 +242,7 @@ CurvePoint Reduction::estimate() {
   point.predicted_error_percent = s.reconstruction.predicted_error_percent;
   point.predicted_low_percent = s.reconstruction.predicted_low_percent;
   point.predicted_high_percent = s.reconstruction.predicted_high_percent;
-  const double floor = s.basis().mapping.floor;
+  const double floor = s.basis.mapping.floor;
   if (!held_out.empty()) {
     const HeldOutError error = held_out_error(held_out, s.reconstruction, floor);
     if (error.rows > 0) point.held_out_error_percent = error.percent;
@@ -249,7 +258,8 @@ const std::vector<BrdfObservations>& Reduction::observations() const {
   return state_->observations;
 }
 const std::vector<ReducedShot>& Reduction::shots() const { return state_->shots; }
-const BrdfBasis& Reduction::basis() const { return state_->basis(); }
+const BrdfBasis& Reduction::basis() const { return state_->basis; }
+double Reduction::expected_sigma() const { return state_->expected_sigma; }
 const Coefficients& Reduction::coefficients() const { return state_->coefficients; }
 const Reconstruction& Reduction::reconstruction() const { return state_->reconstruction; }
 std::vector<StageCost> Reduction::cost() const { return state_->cost; }

@@ -81,8 +81,11 @@ class Reduction {
   /// The same shots, in the same order.
   const std::vector<ReducedShot>& shots() const;
 
-  /// The basis the fit uses: the prepared one, or its first 45 components for the pseudo-inverse.
+  /// The basis the fit uses: the prepared one, or its first 45 components for the pseudo-inverse;
+  /// its model_sigma is what the last estimate() found in the data (core/adaptive_fit.h).
   const BrdfBasis& basis() const;
+  /// The model_sigma that the basis came with.
+  double expected_sigma() const;
   /// Of the last estimate().
   const Coefficients& coefficients() const;
   const Reconstruction& reconstruction() const;

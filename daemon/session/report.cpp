@@ -324,8 +324,8 @@ std::string method(const SessionResult& r) {
                                    r.basis_source, r.basis_materials, r.components,
                                    100 * r.variance_captured));
   html += row("mapping", fmt::format("{}, floor {:g} 1/sr", r.mapping, r.floor));
-  html +=
-      row("estimator", fmt::format("{}, model σ {:.3g} (ln units)", r.estimator, r.model_sigma));
+  html += row("estimator", fmt::format("{}, model σ {:.3g} (ln units; the basis expects {:.3g})",
+                                       r.estimator, r.model_sigma, r.expected_sigma));
   html +=
       row("rows", fmt::format("{} measured, {} censored; residual {:.3g} rms (ln units)",
                               counted(r.coefficients.rows_value),

@@ -100,6 +100,7 @@ Json method(const SessionResult& r) {
           {"mapping", r.mapping},
           {"floor_per_sr", r.floor},
           {"model_sigma", r.model_sigma},
+          {"model_sigma_of_basis", r.expected_sigma},
           {"components", r.components},
           {"rank", r.coefficients.rank},
           {"basis",

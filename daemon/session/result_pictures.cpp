@@ -14,7 +14,7 @@ namespace {
 
 constexpr float nan = std::numeric_limits<float>::quiet_NaN();
 constexpr int cell_pixels = 3;      ///< edge of a cell in the big tables
-constexpr int sphere_pixels = 300;  ///< diameter; shown at two thirds, which smooths its rim
+constexpr int sphere_pixels = 220;  ///< diameter; shown at four fifths, which smooths its rim
 constexpr int gap = 8;
 
 double mean_of(const BrdfTable& table, Eigen::Index cell) {
@@ -194,7 +194,7 @@ void draw_spheres(const BrdfTable& brdf, const BrdfTable* reference, int threads
   const ToneMapping tone = choose_tone(images.back());
   std::vector<Picture> row;
   for (const LinearImage& image : images) row.push_back(tone_mapped(image, tone));
-  out.spheres = album.add("sphere.png", beside(row, 3 * gap), 2.0 / 3);
+  out.spheres = album.add("sphere.png", beside(row, 3 * gap), 0.8);
 }
 
 }  // namespace

@@ -49,8 +49,9 @@ struct SessionResult {
   std::string object;  ///< one line: what was in front of the camera
 
   std::string estimator, mapping, basis_source, criterion, plan_stop, stop_fired, arithmetic;
-  double floor = 0;        ///< [1/sr]
-  double model_sigma = 0;  ///< mapped units
+  double floor = 0;           ///< [1/sr]
+  double model_sigma = 0;     ///< mapped units, as fitted with
+  double expected_sigma = 0;  ///< the same as the basis came with
   double variance_captured = 0;
   int basis_materials = 0, components = 0, channels = 0;
   int threads = 1;

@@ -96,6 +96,13 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
         "rig file, not on a calibration. Shape and colour hold; absolute values may be off by one "
         "factor.");
   }
+  if (result.model_sigma > 2 * result.expected_sigma) {
+    lines.push_back(fmt::format(
+        "The samples miss every mixture of the basis materials by {:.2f} (ln units) where {:.2f} "
+        "was expected of a new material: this one is of a kind the basis does not hold, or pose "
+        "and lamp are not as described. The fit trusts the samples accordingly less.",
+        result.model_sigma, result.expected_sigma));
+  }
   const std::int64_t cells = result.reconstruction.brdf.f.size();
   if (result.reconstruction.clipped_cells > 0) {
     lines.push_back(fmt::format(

@@ -19,7 +19,7 @@ struct Unknown {
   Reflectance reflectance() const {
     const Recipe recipe{{0.35, 0.22, 0.11}, 0.12, 0.22};
     return [inner = recipe.reflectance()](const HalfDiff& a) -> Eigen::Array3d {
-      return inner(a) * std::exp(0.25 * std::sin(4 * a.theta_d));
+      return inner(a) * std::exp(0.04 * std::sin(4 * a.theta_d));
     };
   }
 };
