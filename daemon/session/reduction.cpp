@@ -23,9 +23,6 @@ namespace {
 // The published estimator has no prior: with all components it would chase noise [Ali 2013].
 constexpr Eigen::Index pseudo_inverse_components = 45;
 constexpr int picture_pixels = 300;
-// Once the data have shown how far this material is from the basis, what is left unknown of its
-// model error is this much [ln] instead of what differs between all materials.
-constexpr double judged_spread = 0.4;
 
 bool is_data(const StoredFrame& frame) {
   return frame.role == "bracket" || frame.role == "metering";
@@ -227,9 +224,6 @@ CurvePoint Reduction::estimate() {
   AdaptiveFit adapted = fit_adaptive(s.basis, fitted, s.rig->camera.sensor.channels(), fit_options);
   s.coefficients = std::move(adapted.coefficients);
   s.basis.model_sigma = adapted.model_sigma;
-  s.basis.model_sigma_spread =
-      adapted.raised ? std::min(s.prepared->fit_basis.model_sigma_spread, judged_spread)
-                     : s.prepared->fit_basis.model_sigma_spread;
   fitting.stop();
   Stopwatch reconstructing("reconstruct", s.cost);
   s.reconstruction = reconstruct(s.basis, s.coefficients);
