@@ -43,10 +43,11 @@ CentredGram centred(const Eigen::MatrixXd& K, const std::vector<Eigen::Index>& i
 std::vector<Fold> make_folds(const BrdfBasis& basis, const Training& training,
                              const Eigen::MatrixXd& K, int folds) {
   std::vector<Fold> out;
+  folds = std::min(folds, training.groups);
   for (int f = 0; f < folds; ++f) {
     Fold fold;
     for (Eigen::Index j = 0; j < K.cols(); ++j) {
-      const bool held = training.material_of[static_cast<std::size_t>(j)] % folds == f;
+      const bool held = training.group_of[static_cast<std::size_t>(j)] % folds == f;
       (held ? fold.out : fold.in).push_back(j);
     }
     if (fold.in.size() < 3 || fold.out.empty()) return {};

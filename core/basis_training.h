@@ -13,6 +13,9 @@ struct Training {
   Eigen::VectorXd mean;  ///< (rows)
   Eigen::VectorXd y_min, y_max;
   std::vector<int> material_of;  ///< (n)
+  std::vector<int>
+      group_of;  ///< (n): what is left out together: a family, or a material where none is known
+  int groups = 0;
 };
 
 /// Eigenvectors of a Gram matrix, largest first, as many as rise above rounding.
@@ -30,9 +33,10 @@ struct LeaveOut {
   ErrorCalibration calibration;
 };
 
-/// Folds over materials; K = XᵀX. Everything is inner products of columns and the few rows that a
-/// handful of lights would show, so a fold costs one eigenproblem of its columns. `k` components
-/// are kept. Fewer than two materials in or out of some fold: the training figures are returned.
+/// Folds over groups, a family never torn apart: a material whose siblings are in the basis is no
+/// unseen one. K = XᵀX. Everything is inner products of columns and the few rows that a handful of
+/// lights would show, so a fold costs one eigenproblem of its columns. `k` components are kept.
+/// Fewer than two materials in or out of some fold: the training figures are returned.
 LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
                              const Eigen::MatrixXd& K, int folds);
 

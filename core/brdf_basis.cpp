@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "core/basis_training.h"
 #include "core/check.h"
@@ -80,13 +81,30 @@ void set_log_relative(BrdfBasis& basis, std::span<const Material> materials) {
   }
 }
 
+/// Families numbered in order of appearance; every material by itself unless all have a family and
+/// there are at least three.
+std::vector<int> leave_out_groups(std::span<const Material> materials) {
+  std::vector<std::string> families;
+  std::vector<int> groups;
+  for (const Material& material : materials) {
+    const auto known = std::find(families.begin(), families.end(), material.family);
+    groups.push_back(static_cast<int>(known - families.begin()));
+    if (known == families.end()) families.push_back(material.family);
+  }
+  const bool unknown = std::find(families.begin(), families.end(), "") != families.end();
+  if (unknown || families.size() < 3) std::iota(groups.begin(), groups.end(), 0);
+  return groups;
+}
+
 Training training_columns(const BrdfBasis& basis, std::span<const Material> materials) {
   const int cells = basis.grid.cells();
   const bool stacked = basis.layout == ChannelLayout::stacked;
   const Eigen::Index rows = stacked ? Eigen::Index{cells} * basis.channels : Eigen::Index{cells};
   const auto m = static_cast<Eigen::Index>(materials.size());
   const Eigen::Index n = stacked ? m : m * basis.channels;
-  Training t{Eigen::MatrixXd::Zero(rows, n), {}, {}, {}, {}};
+  Training t{Eigen::MatrixXd::Zero(rows, n), {}, {}, {}, {}, {}, 0};
+  const std::vector<int> groups = leave_out_groups(materials);
+  t.groups = *std::max_element(groups.begin(), groups.end()) + 1;
   for (Eigen::Index i = 0; i < m; ++i) {
     for (int channel = 0; channel < basis.channels; ++channel) {
       const Eigen::Index column = stacked ? i : i * basis.channels + channel;
@@ -96,7 +114,9 @@ Training training_columns(const BrdfBasis& basis, std::span<const Material> mate
             training_value(materials[static_cast<std::size_t>(i)], cell, channel, basis.channels);
         t.X(basis.row(cell, channel), column) = map_value(basis.mapping, cell, f);
       }
-      if (!stacked || channel == 0) t.material_of.push_back(static_cast<int>(i));
+      if (stacked && channel > 0) continue;
+      t.material_of.push_back(static_cast<int>(i));
+      t.group_of.push_back(groups[static_cast<std::size_t>(i)]);
     }
   }
   t.y_min = t.X.rowwise().minCoeff();

@@ -87,7 +87,8 @@ struct BasisOptions {
   int components = 0;   ///< 0: all that the data support (columns − 1)
   /// Hold-out folds (leave-materials-out) for stddev, model_sigma, unsaid_sigma and calibration; 0
   /// leaves the training deviations and the defaults. Folds are over
-  /// materials, never over the channels of one: material i is in fold i mod sigma_folds.
+  /// families where all materials have one (else over materials), never over the channels of one:
+  /// group i, in order of appearance, is in fold i mod sigma_folds.
   int sigma_folds = 5;
   /// 0: as many channels as the materials have; 1: the mean of their channels (a mono camera).
   int channels = 0;
