@@ -27,7 +27,10 @@ const std::vector<std::string> everywhere = {"Eigen/", "fmt/", "tl/expected.hpp"
 
 const std::vector<Room> rooms = {
     {"core", {}, {"embree3/", "opencv2/"}, {}},
-    {"config", {"core"}, {"toml++/", "assimp/", "openssl/", "nlohmann/"}, {}},
+    {"config",
+     {"core"},
+     {"toml++/", "assimp/", "openssl/", "nlohmann/", "fcntl.h", "unistd.h", "sys/stat.h"},
+     {}},
     {"drivers",
      {"core", "config"},
      {"modbus/", "libusb-1.0/", "libusb.h", "arv.h", "glib", "sys/", "netinet/", "termios.h",
