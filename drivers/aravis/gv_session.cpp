@@ -93,7 +93,7 @@ Result<void> GvSession::trigger() {
 
 Result<GRef<ArvBuffer>> GvSession::wait_for_buffer(double seconds, const std::stop_token& stop) {
   using std::chrono::steady_clock;
-  const auto patience =
+  const std::chrono::duration<double> patience =
       std::chrono::duration<double>(seconds + rig_.camera.readout_time) + transfer_margin;
   const auto deadline =
       steady_clock::now() + std::chrono::duration_cast<steady_clock::duration>(patience);
