@@ -73,8 +73,8 @@ PosteriorSize posterior_size(const BrdfBasis& basis, std::span<const Eigen::Matr
 /// posteriors [ErrorCalibration]; 1 before any row is known.
 double calibration_factor(const BrdfBasis& basis, const PosteriorSize& size);
 
-/// predicted_error_percent() of a plain logarithm from the sizes alone; ln2 = ‖ln f̂‖² over the valid
-/// grid and `channels`. Where V covers one channel (columns) or all (stacked).
+/// predicted_error_percent() of a plain logarithm from the sizes alone; ln2 = ‖ln f̂‖² over the
+/// valid grid and `channels`. Where V covers one channel (columns) or all (stacked).
 double predicted_error_percent(const BrdfBasis& basis, const PosteriorSize& size, double ln2,
                                Eigen::Index channels);
 

@@ -104,8 +104,8 @@ Reconstruction reconstruct(const BrdfBasis& basis, const Coefficients& coefficie
   Reconstruction out;
   out.brdf = evaluate(basis, coefficients.c, &out.clipped_cells);
   out.log_stddev = stddev_of(basis, coefficients.covariance, out.brdf.f.cols());
-  out.log_stddev *= calibration_factor(
-      basis, posterior_size(basis, coefficients.covariance, coefficients.c));
+  out.log_stddev *=
+      calibration_factor(basis, posterior_size(basis, coefficients.covariance, coefficients.c));
   out.predicted_error_percent = log_norms(basis, out.brdf, out.log_stddev).percent();
   // True over expected error is close to log-normal over materials.
   const double factor = std::exp(1.6448536269514722 * basis.calibration.spread);

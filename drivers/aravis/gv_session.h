@@ -65,7 +65,8 @@ class GvSession {
   bool free_running_single_ = false;  ///< no SingleFrame: start, take the first whole frame, stop
   bool software_trigger_ = false;
   bool lost_ = false;
-  // Many cameras count frames anew from every start; ours only ever grows, so that a frame is known by its id.
+  // Many cameras count frames anew from every start; ours only ever grows, so that a frame is known
+  // by its id.
   std::uint64_t last_block_ = 0, id_offset_ = 0, last_timestamp_ = 0;
   CameraCounters counters_;
 };

@@ -129,9 +129,8 @@ TEST_F(CommandLine, RefusesAnEmptyDirectoryOfMaterials) {
                                " -o " + (folder_ / "out").string());
   EXPECT_EQ(imported.code, 1);
   EXPECT_THAT(imported.err, HasSubstr((folder_ / "empty").string()));
-  const std::string rig =
-      changed_rig("source = \"builtin\"\nleave_out_families = [\"plastic\"]",
-                  "source = \"" + (folder_ / "empty").string() + "\"");
+  const std::string rig = changed_rig("source = \"builtin\"\nleave_out_families = [\"plastic\"]",
+                                      "source = \"" + (folder_ / "empty").string() + "\"");
   const Outcome planned = run(lightrig + " plan " + rig);
   EXPECT_EQ(planned.code, 1);
   EXPECT_THAT(planned.err, HasSubstr("empty"));

@@ -17,7 +17,8 @@ namespace lightrig::test {
 /// The demo's rig with a small image and quick axes, so that a wire test takes a second.
 inline Rig quick_rig() {
   auto read = read_rig(std::string(LIGHTRIG_SOURCE_DIR) + "/config/demo.toml");
-  for (const Diagnostic& diagnostic : read.diagnostics) ADD_FAILURE() << to_text(diagnostic, read.text);
+  for (const Diagnostic& diagnostic : read.diagnostics)
+    ADD_FAILURE() << to_text(diagnostic, read.text);
   Rig rig = *read.value;
   rig.camera.model.width = 32;
   rig.camera.model.height = 24;

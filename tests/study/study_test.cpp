@@ -49,8 +49,7 @@ class Study : public testing::Test {
         }
       }
       const std::vector<std::byte> bytes = encode_merl(table);
-      std::ofstream out(root_ / "materials" / fmt::format("m{}.binary", 10 + m),
-                        std::ios::binary);
+      std::ofstream out(root_ / "materials" / fmt::format("m{}.binary", 10 + m), std::ios::binary);
       out.write(reinterpret_cast<const char*>(bytes.data()),
                 static_cast<std::streamsize>(bytes.size()));
     }
