@@ -1,7 +1,6 @@
 #include "core/fit.h"
 
 #include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -9,6 +8,7 @@
 
 #include "core/check.h"
 #include "core/fit_map.h"
+#include "core/svd.h"
 
 namespace lightrig {
 namespace {
@@ -102,11 +102,11 @@ Posterior fit_pseudo_inverse(const DesignRows& rows, const Eigen::VectorXd& stdd
   qr.setThreshold(tolerance);
   qr.compute(rows.G);
   out.c = qr.solve(y);
-  const Eigen::BDCSVD<Eigen::MatrixXd> svd(rows.G, Eigen::ComputeThinU | Eigen::ComputeFullV);
-  const Eigen::VectorXd& d = svd.singularValues();
+  const RightSingular svd = right_singular(rows.G);
+  const Eigen::VectorXd& d = svd.values;
   while (out.rank < d.size() && d[out.rank] > tolerance * d[0]) ++out.rank;
-  const Eigen::MatrixXd seen = svd.matrixV().leftCols(out.rank);
-  const Eigen::MatrixXd unseen = svd.matrixV().rightCols(k - out.rank);
+  const Eigen::MatrixXd seen = svd.V.leftCols(out.rank);
+  const Eigen::MatrixXd unseen = svd.V.rightCols(k - out.rank);
   const Eigen::VectorXd spread = sigma * d.head(out.rank).cwiseInverse();
   const Eigen::MatrixXd from_rows = seen * spread.asDiagonal();
   const Eigen::MatrixXd from_prior = unseen * (unseen.transpose() * stddev.asDiagonal());

@@ -2,13 +2,13 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <functional>
 
 #include "core/check.h"
 #include "core/planner_kernels.h"
+#include "core/svd.h"
 
 namespace lightrig {
 
@@ -41,10 +41,7 @@ Eigen::VectorXd singular_values(const Eigen::MatrixXd& G) {
   // Beyond a hundred columns the divide-and-conquer solver is quicker. It is known to fail on some
   // inputs; then, and below, rotations decide.
   if (std::min(R.rows(), R.cols()) > 96) {
-    const Eigen::BDCSVD<Eigen::MatrixXd> svd(R);
-    if (svd.info() == Eigen::Success && svd.singularValues().allFinite()) {
-      return svd.singularValues();
-    }
+    if (const auto singular = divide_and_conquer_singular_values(R)) return *singular;
   }
   // A pivoted QR first, then rotations of its transposed factor: that converges in few sweeps and
   // keeps small singular values to high relative accuracy [Drmač and Veselić 2008].

@@ -100,13 +100,16 @@ Result<void> look_at_object(const Rig& rig, const SessionSpec& spec, Prepared& p
   if (prepared.points.size() > 0) return {};
   const Eigen::Vector3d centre = prepared.object.mesh.vertices.rowwise().mean();
   const Eigen::Vector2d pixel = project(camera, centre);
+  const std::string where = pixel.allFinite()
+                                ? fmt::format("falls on pixel ({:.0f}, {:.0f}) of {} × {}",
+                                              pixel.x(), pixel.y(), camera.width, camera.height)
+                                : std::string("lies behind the camera");
   return fail(
       ErrorCode::invalid_input,
       fmt::format("look at the object: the camera sees no point of it ({}; its centre ({:.4g}, "
-                  "{:.4g}, {:.4g}) m falls on pixel ({:.0f}, {:.0f}) of {} × {}); check "
-                  "[camera] pose and focal length, and [object] position, size and unit",
-                  prepared.object.description, centre.x(), centre.y(), centre.z(), pixel.x(),
-                  pixel.y(), camera.width, camera.height));
+                  "{:.4g}, {:.4g}) m {}); check [camera] pose and focal length, and [object] "
+                  "position, size and unit",
+                  prepared.object.description, centre.x(), centre.y(), centre.z(), where));
 }
 
 tl::unexpected<Error> nothing_lit(const LeftOut& left_out, std::size_t candidates,

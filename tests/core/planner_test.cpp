@@ -2,8 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/SVD>
 #include <cmath>
+
+#include "core/svd.h"
 
 #include "planner_scene.h"
 
@@ -102,7 +103,7 @@ TEST(Conditioning, IsTheSquaredRatioOfSingularValues) {
   for (const int cell : {0, 3, 4, 8, 12, 17, 29}) {
     for (int c = 0; c < 3; ++c) G.row(row++) = basis.V.row(c * grid.cells() + cell);
   }
-  const Eigen::VectorXd s = Eigen::BDCSVD<Eigen::MatrixXd>(G).singularValues();
+  const Eigen::VectorXd s = right_singular(G).values;
   EXPECT_EQ(found.rank, 9);
   EXPECT_NEAR(found.condition / std::pow(s[0] / s[8], 2), 1, 1e-10);
   EXPECT_EQ(conditioning(basis, bins, none).rank, 0);
