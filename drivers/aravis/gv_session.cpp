@@ -60,7 +60,7 @@ Result<double> GvSession::apply_exposure(double seconds) {
   GError* error = nullptr;
   arv_camera_set_exposure_time(camera_.get(), seconds * 1e6, &error);
   if (error) return gv_fail(fmt::format("set the exposure to {} s", seconds), error);
-  const double applied = arv_camera_get_exposure_time(camera_.get(), &error) * 1e-6;
+  const double applied = arv_camera_get_exposure_time(camera_.get(), &error) / 1e6;
   if (error) return gv_fail("read the exposure back", error);
   if (std::abs(applied - seconds) > exposure_tolerance * seconds + exposure_step_s)
     return fail(ErrorCode::refused,
