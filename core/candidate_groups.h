@@ -37,6 +37,9 @@ class CandidateGroups {
 
   const std::vector<std::uint8_t>& seen() const { return seen_; }
   int seen_cells() const { return seen_cells_; }
+  bool packed_seen(std::int32_t packed) const {
+    return seen_packed_[static_cast<std::size_t>(packed)] != 0;
+  }
 
   /// The open candidates that add a cell, the first of each set that adds the same cells, by group.
   struct Distinct {

@@ -1,29 +1,47 @@
-#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
 #include "core/candidate_groups.h"
 #include "core/check.h"
+#include "core/parallel.h"
 #include "core/planner_chooser.h"
-#include "core/planner_kernels.h"
+#include "core/posterior_kernels.h"
 
 namespace lightrig {
 
 namespace {
 
-/// Components that bounds look at one by one; those behind have so little prior variance that one
-/// number per cell says enough of them.
-constexpr Eigen::Index head_components = 48;
+/// Directions of the posterior that bounds of k components look at together, from a glance to a
+/// long look, as long as that is less work than all of them.
+std::vector<int> heads_of(int k) {
+  std::vector<int> heads;
+  for (const int head : {0, 8, 16, 32, 64, 128}) {
+    if (8 * head >= k - 8 && 4 * head <= 3 * k) heads.push_back(head);
+  }
+  return heads;
+}
+
+/// Candidates looked at together: the same number whatever the threads, so that what was evaluated
+/// does not depend on them.
+constexpr std::size_t at_once = 8;
+
+std::size_t size_of(int k, int stride) {
+  return static_cast<std::size_t>(k) * static_cast<std::size_t>(stride);
+}
 
 /// The posterior trace, exactly and with little work. With rows w = g diag(s)/σ and A = I + Σ w wᵀ
-/// the trace is f(A) = tr(S A⁻¹ S), convex in A: for any other Y = I + …
+/// of the lights taken, a candidate's trace is f = tr(S (A + WᵀW)⁻¹ S). In the directions of the
+/// posterior of the lights taken, the eigenvectors Y of L⁻¹S²L⁻ᵀ = YΛYᵀ with A = LLᵀ, this is
 ///
-///     f(A) ≥ tr(S Y⁻¹ S)² / tr(S Y⁻¹ A Y⁻¹ S),
+///     f = Σ λₖ (M⁻¹)ₖₖ,   M = I + BᵀB,   B = W L⁻ᵀ Y,
 ///
-/// and the denominator is a sum of one number per cell, |S Y⁻¹ w|². So every candidate looked at
-/// closely bounds all that show much the same. Components beyond the head enter by (A⁻¹)ₖₖ ≥ 1/Aₖₖ
-/// ≥ 2 − Aₖₖ, again one number per cell. The candidate of least bound is evaluated, until no bound
-/// is below the best value.
+/// and Λ falls off so fast that a few directions, the head H, tell nearly all:
+///
+///     f ≥ Σ_{k ∈ H} λₖ (M_HH⁻¹)ₖₖ + Σ_{k ∉ H} λₖ / Mₖₖ,
+///
+/// by Schur's complement. The candidate of least bound is bounded by a longer head, and in the end
+/// evaluated, until no bound is below the best value.
 class AOptimalChooser final : public LightChooser {
  public:
   AOptimalChooser(const BrdfBasis& basis, const CandidateBins& bins,
@@ -31,26 +49,24 @@ class AOptimalChooser final : public LightChooser {
       : scale_(basis.stddev / options.sigma),
         groups_(basis, bins, {scale_.data(), static_cast<std::size_t>(scale_.size())}),
         s_(basis.stddev),
-        k_(basis.components()),
-        head_(std::min(k_, head_components)) {
+        heads_(heads_of(groups_.rows().k)),
+        threads_(std::max(1, options.threads)),
+        level_(vector_level()) {
     CHECK(options.sigma > 0);
     const PackedRows& rows = groups_.rows();
-    gram_.assign(static_cast<std::size_t>(k_) * static_cast<std::size_t>(rows.stride), 0.0);
-    for (Eigen::Index i = 0; i < k_; ++i)
-      gram_[static_cast<std::size_t>(i * rows.stride + i)] = 1.0;
-    const auto cells = rows.data.size() / (static_cast<std::size_t>(rows.stride) *
-                                           static_cast<std::size_t>(rows.per_cell));
-    tail_.assign(cells, 0.0);
-    for (std::size_t c = 0; c < cells && head_ < k_; ++c) {
-      const Eigen::Map<const Eigen::MatrixXd> w = rows_of(static_cast<std::int32_t>(c));
-      const Eigen::VectorXd energy = w.middleRows(head_, k_ - head_).rowwise().squaredNorm();
-      tail_[c] = energy.dot(s_.tail(k_ - head_).cwiseAbs2());
-    }
-    tail_left_ = s_.tail(k_ - head_).squaredNorm();
-    cut_.resize(static_cast<std::size_t>(groups_.groups()));
-    table_.assign(cells, 0.0);
+    gram_.assign(size_of(rows.k, rows.stride), 0.0);
+    for (int i = 0; i < rows.k; ++i) gram_[static_cast<std::size_t>(i * rows.stride + i)] = 1.0;
+    prior_.assign(static_cast<std::size_t>(rows.stride), 0.0);
+    std::copy_n(s_.cwiseAbs2().eval().data(), rows.k, prior_.begin());
+    variance_ = prior_;
     bound_.assign(static_cast<std::size_t>(groups_.candidates()), 0.0);
-    stage_.assign(bound_.size(), Stage::bounded);
+    stage_.assign(bound_.size(), 0);
+    scratch_.resize(static_cast<std::size_t>(threads_));
+    for (Scratch& scratch : scratch_) {
+      scratch.A.resize(gram_.size());
+      scratch.inverse.resize(gram_.size());
+      scratch.energy.resize(static_cast<std::size_t>(rows.stride));
+    }
   }
 
   Standing best(const std::vector<std::uint8_t>& open) override;
@@ -59,155 +75,185 @@ class AOptimalChooser final : public LightChooser {
   const SelectionStatistics& statistics() const override { return statistics_; }
 
  private:
-  enum class Stage : std::uint8_t { bounded, cut, decided };
-  /// A tangent of f over the head: Z = Y⁻¹S, tr(S Y⁻¹ S) and tr(Zᵀ A Z) of the rows taken.
-  struct Cut {
-    Eigen::MatrixXd Z;  ///< (head × head); empty until the group is first looked at
-    double trace = 0, constant = 0;
+  /// Memory that one worker uses again for every candidate.
+  struct Scratch {
+    std::vector<double> A, inverse, energy;
   };
 
-  Eigen::Map<const Eigen::MatrixXd> rows_of(std::int32_t cell) const {
-    return {groups_.rows().of(cell), groups_.rows().stride, groups_.rows().per_cell};
+  void turn_to_posterior();
+  double bound_by_head(int candidate, int head, Scratch& scratch) const;
+  double trace_with(int candidate, Scratch& scratch) const;
+  void look_closer(std::span<const int> candidates);
+  bool decided(int candidate) const {
+    return stage_[static_cast<std::size_t>(candidate)] > static_cast<int>(heads_.size());
   }
-  Eigen::MatrixXd head_rows(std::span<const std::int32_t> cells) const;
-  Eigen::MatrixXd information_with(int candidate) const;
-  Cut cut_at(int candidate) const;
-  void apply(const Cut& cut, const std::vector<int>& members, std::span<const std::int32_t> cells);
-  Standing decide(int candidate);
+  /// Rows in the posterior's directions; the packed ones themselves while nothing is taken.
+  const PackedRows& turned() const { return turned_.data.empty() ? groups_.rows() : turned_; }
 
   Eigen::VectorXd scale_;  ///< s/σ
   CandidateGroups groups_;
   Eigen::VectorXd s_;
-  Eigen::Index k_, head_;
+  std::vector<int> heads_;
+  int threads_, level_;
   std::vector<double> gram_;   ///< A of the rows taken, upper triangle, (k × stride)
-  std::vector<double> tail_;   ///< (packed cells): what a cell can take from the tail's variance
-  double tail_left_ = 0;       ///< least tail variance with the rows taken
-  std::vector<Cut> cut_;       ///< (groups)
-  std::vector<double> table_;  ///< (packed cells) of the cut at hand
-  std::vector<double> bound_;  ///< (candidates)
-  std::vector<Stage> stage_;
+  std::vector<double> prior_;  ///< s², (stride)
+  PackedRows turned_;
+  std::vector<double> variance_;  ///< Λ, descending, (stride)
+  double rounding_ = 0;           ///< how far bounds may be off, absolute
+  double trace_of_A_ = 0;
+  bool posterior_is_old_ = false;
+  std::vector<double> bound_;  ///< (candidates): of the score; the score itself once decided
+  std::vector<int> stage_;     ///< (candidates): heads looked at, or all of them and more: decided
+  std::vector<Scratch> scratch_;
   SelectionStatistics statistics_;
 };
 
-/// The head of the rows of these cells as columns, (head × rows).
-Eigen::MatrixXd AOptimalChooser::head_rows(std::span<const std::int32_t> cells) const {
-  const int per_cell = groups_.rows().per_cell;
-  Eigen::MatrixXd W(head_, static_cast<Eigen::Index>(cells.size()) * per_cell);
-  Eigen::Index column = 0;
-  for (const std::int32_t cell : cells) {
-    W.middleCols(column, per_cell) = rows_of(cell).topRows(head_);
-    column += per_cell;
-  }
-  return W;
-}
-
-/// A with a candidate's rows, (k × k), its lower triangle valid.
-Eigen::MatrixXd AOptimalChooser::information_with(int candidate) const {
-  std::vector<double> sum = gram_;
-  add_gram(groups_.rows(), groups_.fresh(candidate), sum, vector_level());
-  // Row-major above the diagonal is column-major below it.
-  return Eigen::Map<const Eigen::MatrixXd, Eigen::Unaligned, Eigen::OuterStride<>>(
-      sum.data(), k_, k_, Eigen::OuterStride<>(groups_.rows().stride));
-}
-
-AOptimalChooser::Cut AOptimalChooser::cut_at(int candidate) const {
-  const Eigen::MatrixXd A = information_with(candidate);
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(A.topLeftCorner(head_, head_));
-  CHECK(cholesky.info() == Eigen::Success);
-  Cut cut;
-  const Eigen::MatrixXd S = s_.head(head_).asDiagonal();
-  cut.Z = cholesky.solve(S);
-  cut.trace = cut.Z.diagonal().dot(s_.head(head_));
-  const Eigen::Map<const Eigen::MatrixXd, Eigen::Unaligned, Eigen::OuterStride<>> taken(
-      gram_.data(), head_, head_, Eigen::OuterStride<>(groups_.rows().stride));
-  const Eigen::MatrixXd product = taken.selfadjointView<Eigen::Lower>() * cut.Z;
-  cut.constant = product.cwiseProduct(cut.Z).sum();
-  return cut;
-}
-
-void AOptimalChooser::apply(const Cut& cut, const std::vector<int>& members,
-                            std::span<const std::int32_t> cells) {
-  const int per_cell = groups_.rows().per_cell;
-  const Eigen::MatrixXd product = cut.Z.transpose() * head_rows(cells);
-  const Eigen::RowVectorXd energy = product.colwise().squaredNorm();
-  for (std::size_t c = 0; c < cells.size(); ++c) {
-    table_[static_cast<std::size_t>(cells[c])] =
-        energy.segment(static_cast<Eigen::Index>(c) * per_cell, per_cell).sum();
-  }
-  for (const int i : members) {
-    double denominator = cut.constant, tail = tail_left_;
-    for (const std::int32_t cell : groups_.fresh(i)) {
-      denominator += table_[static_cast<std::size_t>(cell)];
-      tail -= tail_[static_cast<std::size_t>(cell)];
-    }
-    const double least = cut.trace * cut.trace / denominator + std::max(0.0, tail);
-    double& bound = bound_[static_cast<std::size_t>(i)];
-    bound = std::max(bound, (1 - 1e-11) * least);
-  }
-}
-
-Standing AOptimalChooser::decide(int candidate) {
-  ++statistics_.exact_evaluations;
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(information_with(candidate));
-  CHECK(cholesky.info() == Eigen::Success);
-  const Eigen::MatrixXd S = s_.asDiagonal();
-  return {candidate, 0, cholesky.matrixL().solve(S).squaredNorm()};
-}
-
 void AOptimalChooser::take(int candidate) {
   const std::vector<std::int32_t> added = groups_.take(candidate);
-  add_gram(groups_.rows(), added, gram_, vector_level());
-  const Eigen::MatrixXd W = head_rows(added);
-  for (Cut& cut : cut_) {
-    if (cut.Z.size() > 0) cut.constant += (cut.Z.transpose() * W).squaredNorm();
+  add_gram(groups_.rows(), added, gram_, level_);
+  posterior_is_old_ = posterior_is_old_ || !added.empty();
+}
+
+/// Λ and B's rows, after lights were taken.
+void AOptimalChooser::turn_to_posterior() {
+  posterior_is_old_ = false;
+  const PackedRows& rows = groups_.rows();
+  const int k = rows.k, stride = rows.stride;
+  Scratch& scratch = scratch_.front();
+  scratch.A = gram_;
+  CHECK(cholesky(scratch.A, k, stride, level_));
+  invert_factor(scratch.A, k, stride, scratch.inverse, level_);  // L⁻¹
+  const Eigen::Map<const Eigen::MatrixXd, Eigen::Unaligned, Eigen::OuterStride<>> transposed(
+      scratch.inverse.data(), k, k, Eigen::OuterStride<>(stride));  // L⁻ᵀ, by columns
+  const Eigen::MatrixXd F = (s_.asDiagonal() * transposed).transpose();
+  Eigen::MatrixXd posterior = Eigen::MatrixXd::Zero(k, k);
+  posterior.selfadjointView<Eigen::Lower>().rankUpdate(F);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(posterior);
+  CHECK(eigen.info() == Eigen::Success);
+  std::fill(variance_.begin(), variance_.end(), 0.0);
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> T =
+      Eigen::MatrixXd::Zero(k, stride);
+  T.leftCols(k).noalias() =
+      transposed.triangularView<Eigen::Upper>() * eigen.eigenvectors().rowwise().reverse();
+  for (int i = 0; i < k; ++i) {
+    variance_[static_cast<std::size_t>(i)] = std::max(0.0, eigen.eigenvalues()[k - 1 - i]);
   }
-  for (const std::int32_t cell : added) tail_left_ -= tail_[static_cast<std::size_t>(cell)];
+  trace_of_A_ = 0;
+  for (int i = 0; i < k; ++i) trace_of_A_ += gram_[static_cast<std::size_t>(i * stride + i)];
+  // |f(Λ + E) − f(Λ)| ≤ k|E|, since M ≥ I; |E| is a few ε|Λ|.
+  rounding_ = 64 * std::numeric_limits<double>::epsilon() * k * variance_[0];
+  if (turned_.data.empty()) {
+    turned_ = rows;
+  }
+  std::vector<std::int32_t> unseen_cells;
+  const auto cells = static_cast<std::int32_t>(rows.data.size() / size_of(rows.per_cell, stride));
+  for (std::int32_t c = 0; c < cells; ++c) {
+    if (!groups_.packed_seen(c)) unseen_cells.push_back(c);
+  }
+  parallel_ranges(
+      static_cast<std::int64_t>(unseen_cells.size()), 256, threads_,
+      [&](std::int64_t first, std::int64_t last, int) {
+        transform_rows(
+            rows,
+            std::span(unseen_cells)
+                .subspan(static_cast<std::size_t>(first), static_cast<std::size_t>(last - first)),
+            {T.data(), static_cast<std::size_t>(T.size())}, turned_.data, level_);
+      });
+}
+
+double AOptimalChooser::bound_by_head(int candidate, int head, Scratch& scratch) const {
+  const PackedRows& rows = turned();
+  const std::span<const std::int32_t> cells = groups_.fresh(candidate);
+  const std::span<double> M = std::span(scratch.A).first(size_of(head, head));
+  std::fill(M.begin(), M.end(), 0.0);
+  double largest = 0;
+  add_head_gram(rows, cells, head, M, level_);
+  for (int i = 0; i < head; ++i) {
+    double& diagonal = M[static_cast<std::size_t>(i * head + i)];
+    largest += diagonal;
+    diagonal += 1.0;
+  }
+  if (!cholesky(M, head, head, level_)) return 0;
+  double bound = trace_of_inverse(M, head, head, variance_, scratch.inverse, level_);
+  const std::span<double> energy =
+      std::span(scratch.energy).first(static_cast<std::size_t>(rows.stride - head));
+  column_energies(rows, cells, head, energy, level_);
+  for (std::size_t j = 0; j < energy.size(); ++j) {
+    bound += variance_[static_cast<std::size_t>(head) + j] / (1 + energy[j]);
+  }
+  const double relative =
+      1e-11 + 8 * std::numeric_limits<double>::epsilon() * (trace_of_A_ + largest);
+  return (1 - relative) * bound - rounding_;
+}
+
+double AOptimalChooser::trace_with(int candidate, Scratch& scratch) const {
+  const PackedRows& rows = groups_.rows();
+  std::copy(gram_.begin(), gram_.end(), scratch.A.begin());
+  add_gram(rows, groups_.fresh(candidate), scratch.A, level_);
+  CHECK(cholesky(scratch.A, rows.k, rows.stride, level_));
+  return trace_of_inverse(scratch.A, rows.k, rows.stride, prior_, scratch.inverse, level_);
+}
+
+/// Bounds each of these by its next head, or decides it where that would be no less work.
+void AOptimalChooser::look_closer(std::span<const int> candidates) {
+  parallel_ranges(
+      static_cast<std::int64_t>(candidates.size()), 1, threads_,
+      [&](std::int64_t first, std::int64_t last, int worker) {
+        Scratch& scratch = scratch_[static_cast<std::size_t>(worker)];
+        for (auto n = static_cast<std::size_t>(first); n < static_cast<std::size_t>(last); ++n) {
+          const auto i = static_cast<std::size_t>(candidates[n]);
+          const auto stage = static_cast<std::size_t>(stage_[i]);
+          if (stage < heads_.size()) {
+            bound_[i] = std::max(bound_[i], bound_by_head(candidates[n], heads_[stage], scratch));
+            ++stage_[i];
+          } else {
+            bound_[i] = trace_with(candidates[n], scratch);
+            stage_[i] = static_cast<int>(heads_.size()) + 1;
+          }
+        }
+      });
 }
 
 Standing AOptimalChooser::best(const std::vector<std::uint8_t>& open) {
+  if (posterior_is_old_) turn_to_posterior();
   const CandidateGroups::Distinct distinct = groups_.distinct(open);
   statistics_.identical_candidates += distinct.identical;
   statistics_.empty_candidates += distinct.empty;
   std::vector<int> active;
-  for (std::size_t g = 0; g < distinct.members.size(); ++g) {
-    const std::vector<int>& members = distinct.members[g];
-    if (members.empty()) continue;
-    for (const int i : members) {
-      bound_[static_cast<std::size_t>(i)] = 0;
-      stage_[static_cast<std::size_t>(i)] = Stage::bounded;
-    }
-    if (cut_[g].Z.size() == 0) {
-      cut_[g] = cut_at(*std::max_element(members.begin(), members.end(), [&](int a, int b) {
-        return groups_.fresh(a).size() < groups_.fresh(b).size();
-      }));
-    }
-    apply(cut_[g], members, distinct.cells[g]);
+  for (const std::vector<int>& members : distinct.members) {
     active.insert(active.end(), members.begin(), members.end());
   }
+  std::sort(active.begin(), active.end());
+  for (const int i : active) {
+    bound_[static_cast<std::size_t>(i)] = 0;
+    stage_[static_cast<std::size_t>(i)] = 0;
+  }
+  look_closer(active);
+  std::vector<int> open_still = active;
   std::vector<Standing> standings;
   double least = std::numeric_limits<double>::infinity();
   while (true) {
-    int next = -1;
-    for (const int i : active) {
-      if (stage_[static_cast<std::size_t>(i)] == Stage::decided) continue;
-      if (next < 0 ||
-          bound_[static_cast<std::size_t>(i)] < bound_[static_cast<std::size_t>(next)]) {
-        next = i;
-      }
-    }
-    if (next < 0) break;
-    const auto u = static_cast<std::size_t>(next);
-    if (bound_[u] > least * (1 + 2 * tie_tolerance(0))) break;
-    if (stage_[u] == Stage::bounded) {
-      const auto g = static_cast<std::size_t>(groups_.group_of(next));
-      cut_[g] = cut_at(next);
-      stage_[u] = Stage::cut;
-      apply(cut_[g], distinct.members[g], distinct.cells[g]);
-      continue;
-    }
-    stage_[u] = Stage::decided;
-    standings.push_back(decide(next));
-    least = std::min(least, standings.back().score);
+    std::erase_if(open_still, [&](int i) {
+      const double value = bound_[static_cast<std::size_t>(i)];
+      if (!decided(i)) return value > least * (1 + 2 * tie_tolerance(0));
+      standings.push_back({i, 0, value});
+      ++statistics_.exact_evaluations;
+      return true;
+    });
+    for (const Standing& s : standings) least = std::min(least, s.score);
+    const std::size_t n = std::min(at_once, open_still.size());
+    if (n == 0) break;
+    std::partial_sort(open_still.begin(), open_still.begin() + static_cast<std::ptrdiff_t>(n),
+                      open_still.end(), [&](int a, int b) {
+                        const double of_a = bound_[static_cast<std::size_t>(a)],
+                                     of_b = bound_[static_cast<std::size_t>(b)];
+                        return of_a != of_b ? of_a < of_b : a < b;
+                      });
+    const double limit = least * (1 + 2 * tie_tolerance(0));
+    std::vector<int> next(open_still.begin(), open_still.begin() + static_cast<std::ptrdiff_t>(n));
+    std::erase_if(next, [&](int i) { return bound_[static_cast<std::size_t>(i)] > limit; });
+    if (next.empty()) break;
+    look_closer(next);
   }
   statistics_.bounded_away += static_cast<std::int64_t>(active.size() - standings.size());
   return best_of(standings);

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/check.h"
+#include "core/lanes.h"
 
 // One body per loop, inlined into one function per instruction set. The vectors of eight are the
 // compiler's own: they become one, two or four registers, and every variant adds in one order.
@@ -13,30 +14,23 @@ namespace lightrig {
 
 namespace {
 
-/// Eight numbers, wherever they lie in memory.
-using Lanes [[gnu::vector_size(64), gnu::aligned(8), gnu::may_alias]] = double;
-constexpr int width = 8;
+constexpr int width = lane_width;
 
-[[gnu::always_inline]] inline const Lanes& at(const double* p) {
-  return *reinterpret_cast<const Lanes*>(p);
-}
-[[gnu::always_inline]] inline Lanes& at(double* p) { return *reinterpret_cast<Lanes*>(p); }
-
-[[gnu::always_inline]] inline double sum(const Lanes& v) {
-  return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
-}
+[[gnu::always_inline]] inline const Lanes& at(const double* p) { return lanes_at(p); }
+[[gnu::always_inline]] inline Lanes& at(double* p) { return lanes_at(p); }
 
 [[gnu::always_inline]] inline double dot(const double* a, const double* b, int stride) {
   Lanes partial{};
   for (int j = 0; j < stride; j += width) partial += at(a + j) * at(b + j);
-  return sum(partial);
+  return sum_of(partial);
 }
 
-/// A += Σ g gᵀ over four rows at a time, a vector of columns j ≥ i held while they pass.
+/// A (k × columns) += Σ g gᵀ over six rows at a time, a vector of columns j ≥ i held while they
+/// pass.
 [[gnu::always_inline]] inline void gram_body(const PackedRows& rows,
                                              std::span<const std::int32_t> cells, double sign,
-                                             double* A) {
-  const int stride = rows.stride, k = rows.k;
+                                             int k, int columns, double* A) {
+  const int stride = rows.stride;
   constexpr std::size_t together = 6;
   const double* g[together];
   const std::size_t total = cells.size() * static_cast<std::size_t>(rows.per_cell);
@@ -55,8 +49,8 @@ constexpr int width = 8;
       for (int i = 0; i < k; ++i) {
         for (std::size_t r = 0; r < n; ++r) {
           const double factor = sign * g[r][i];
-          for (int j = i - i % width; j < stride; j += width) {
-            at(A + i * stride + j) += factor * at(g[r] + j);
+          for (int j = i - i % width; j < columns; j += width) {
+            at(A + i * columns + j) += factor * at(g[r] + j);
           }
         }
       }
@@ -65,15 +59,15 @@ constexpr int width = 8;
     for (int i = 0; i < k; ++i) {
       const double f0 = sign * g[0][i], f1 = sign * g[1][i], f2 = sign * g[2][i],
                    f3 = sign * g[3][i], f4 = sign * g[4][i], f5 = sign * g[5][i];
-      for (int j = i - i % width; j < stride; j += width) {
-        Lanes a = at(A + i * stride + j);
+      for (int j = i - i % width; j < columns; j += width) {
+        Lanes a = at(A + i * columns + j);
         a += f0 * at(g[0] + j);
         a += f1 * at(g[1] + j);
         a += f2 * at(g[2] + j);
         a += f3 * at(g[3] + j);
         a += f4 * at(g[4] + j);
         a += f5 * at(g[5] + j);
-        at(A + i * stride + j) = a;
+        at(A + i * columns + j) = a;
       }
     }
   }
@@ -119,36 +113,6 @@ constexpr int width = 8;
   return limit;
 }
 
-#if defined(__x86_64__)
-
-[[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] void gram_v4(
-    const PackedRows& rows, std::span<const std::int32_t> cells, double sign, double* A) {
-  gram_body(rows, cells, sign, A);
-}
-[[gnu::target("arch=x86-64-v3")]] void gram_v3(const PackedRows& rows,
-                                               std::span<const std::int32_t> cells, double sign,
-                                               double* A) {
-  gram_body(rows, cells, sign, A);
-}
-[[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] void energy_v4(
-    const PackedRows& rows, std::span<const std::int32_t> cells, const double* x, double* energy) {
-  energy_body(rows, cells, x, energy);
-}
-[[gnu::target("arch=x86-64-v3")]] void energy_v3(const PackedRows& rows,
-                                                 std::span<const std::int32_t> cells,
-                                                 const double* x, double* energy) {
-  energy_body(rows, cells, x, energy);
-}
-[[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] int jacobi_v4(double* columns, int count,
-                                                                        int stride, int limit) {
-  return jacobi_body(columns, count, stride, limit);
-}
-[[gnu::target("arch=x86-64-v3")]] int jacobi_v3(double* columns, int count, int stride, int limit) {
-  return jacobi_body(columns, count, stride, limit);
-}
-
-#endif
-
 }  // namespace
 
 int vector_level() {
@@ -168,30 +132,37 @@ int vector_level() {
 void add_gram(const PackedRows& rows, std::span<const std::int32_t> cells, std::span<double> A,
               int level, double sign) {
   CHECK(A.size() == static_cast<std::size_t>(rows.k) * static_cast<std::size_t>(rows.stride));
-#if defined(__x86_64__)
-  if (level >= 4) return gram_v4(rows, cells, sign, A.data());
-  if (level == 3) return gram_v3(rows, cells, sign, A.data());
-#endif
-  gram_body(rows, cells, sign, A.data());
+  on_level(
+      level, [&]() __attribute__((always_inline)) {
+        gram_body(rows, cells, sign, rows.k, rows.stride, A.data());
+      });
+}
+
+void add_head_gram(const PackedRows& rows, std::span<const std::int32_t> cells, int head,
+                   std::span<double> A, int level) {
+  CHECK(head % width == 0 && head <= rows.stride);
+  CHECK(A.size() == static_cast<std::size_t>(head) * static_cast<std::size_t>(head));
+  on_level(
+      level, [&]() __attribute__((always_inline)) {
+        gram_body(rows, cells, 1.0, head, head, A.data());
+      });
 }
 
 void cell_energies(const PackedRows& rows, std::span<const std::int32_t> cells,
                    std::span<const double> x, std::span<double> energy, int level) {
   CHECK(x.size() == static_cast<std::size_t>(rows.stride) && energy.size() == cells.size());
-#if defined(__x86_64__)
-  if (level >= 4) return energy_v4(rows, cells, x.data(), energy.data());
-  if (level == 3) return energy_v3(rows, cells, x.data(), energy.data());
-#endif
-  energy_body(rows, cells, x.data(), energy.data());
+  on_level(
+      level, [&]() __attribute__((always_inline)) {
+        energy_body(rows, cells, x.data(), energy.data());
+      });
 }
 
 int orthogonalize_columns(std::span<double> columns, int count, int stride, int limit, int level) {
   CHECK(columns.size() == static_cast<std::size_t>(count) * static_cast<std::size_t>(stride));
-#if defined(__x86_64__)
-  if (level >= 4) return jacobi_v4(columns.data(), count, stride, limit);
-  if (level == 3) return jacobi_v3(columns.data(), count, stride, limit);
-#endif
-  return jacobi_body(columns.data(), count, stride, limit);
+  return on_level(
+      level, [&]() __attribute__((always_inline)) {
+        return jacobi_body(columns.data(), count, stride, limit);
+      });
 }
 
 }  // namespace lightrig

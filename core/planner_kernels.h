@@ -25,9 +25,12 @@ struct PackedRows {
 int vector_level();
 
 /// Upper triangle of A (k × stride, row-major) += sign · Σ g gᵀ over the rows of these cells. What
-/// lies below the diagonal within its vector of eight is filled too, the rest is not.
+/// lies below the diagonal within its vector of eight is filled too, the rest is not. A may be of
+/// the rows' first numbers alone: (head × head), head a multiple of eight.
 void add_gram(const PackedRows& rows, std::span<const std::int32_t> cells, std::span<double> A,
               int level, double sign = 1);
+void add_head_gram(const PackedRows& rows, std::span<const std::int32_t> cells, int head,
+                   std::span<double> A, int level);
 
 /// Σ (g·x)² over the rows of one cell, for each of these cells. x has `stride` numbers, zeros at
 /// the end.
