@@ -1,9 +1,12 @@
 #include "core/binning_kernels.h"
 
 #include <algorithm>
-#include <array>
+#include <bit>
 #include <cmath>
 #include <numeric>
+
+#include "core/check.h"
+#include "core/lanes.h"
 
 namespace lightrig {
 
@@ -67,6 +70,44 @@ namespace {
     least[i] = inner > 0 ? inner * inner : 0.0;
     greatest[i] = outer * outer;
   }
+}
+
+using LaneMask [[gnu::vector_size(64)]] = std::int64_t;
+
+/// One bit per lane of a comparison.
+[[gnu::always_inline]] inline unsigned bits_of(const LaneMask& mask) {
+  const LaneMask bits = mask & LaneMask{1, 2, 4, 8, 16, 32, 64, 128};
+  return static_cast<unsigned>(((bits[0] | bits[1]) | (bits[2] | bits[3])) |
+                               ((bits[4] | bits[5]) | (bits[6] | bits[7])));
+}
+
+[[gnu::always_inline]] inline BundleView range_body(const PointColumns& points, std::size_t first,
+                                                    std::size_t last, const Eigen::Vector3d& l,
+                                                    const Eigen::Vector3d& h, double min_cos_i,
+                                                    double least, double end, std::int32_t* place,
+                                                    double* chord2) {
+  const double lx = l.x(), ly = l.y(), lz = l.z(), hx = h.x(), hy = h.y(), hz = h.z();
+  BundleView view;
+  for (std::size_t i = first; i < last; i += lane_width) {
+    const Lanes nx = lanes_at(points.nx.data() + i), ny = lanes_at(points.ny.data() + i),
+                nz = lanes_at(points.nz.data() + i);
+    const Lanes cos_i = nx * lx + ny * ly + nz * lz;
+    const Lanes x = nx - hx, y = ny - hy, z = nz - hz;
+    const Lanes c2 = x * x + y * y + z * z;
+    const auto lit = (cos_i > 0) & (cos_i >= min_cos_i);
+    const auto within = lit & (c2 >= least) & (c2 < end);
+    // What lies beyond `last` belongs to the next bundle.
+    const std::size_t count = std::min<std::size_t>(lane_width, last - i);
+    const unsigned mine = (1U << count) - 1;
+    view.lit += std::popcount(bits_of(lit) & mine);
+    for (unsigned left = bits_of(within) & mine; left != 0; left &= left - 1) {
+      const int j = std::countr_zero(left);
+      place[view.found] = static_cast<std::int32_t>(i) + j;
+      chord2[view.found] = c2[j];
+      ++view.found;
+    }
+  }
+  return view;
 }
 
 #if defined(__x86_64__)
@@ -148,6 +189,18 @@ void bundle_ranges(const NormalBundles& bundles, const Eigen::Vector3d& l, const
   bundles_body(bundles, l, h, cosine, least, greatest);
 }
 
+BundleView points_in_range(const PointColumns& points, std::size_t first, std::size_t last,
+                           const Eigen::Vector3d& l, const Eigen::Vector3d& h, double min_cos_i,
+                           double least, double end, std::span<std::int32_t> place,
+                           std::span<double> chord2, int level) {
+  CHECK(place.size() >= last - first && chord2.size() >= last - first);
+  return on_level(
+      level, [&]() __attribute__((always_inline)) {
+        return range_body(points, first, last, l, h, min_cos_i, least, end, place.data(),
+                          chord2.data());
+      });
+}
+
 NormalBundles bundle_normals(PointColumns& points, int size) {
   const std::size_t n = points.size();
   const int side = std::max(1, static_cast<int>(std::sqrt(2.0 * static_cast<double>(n) / size)));
@@ -167,6 +220,9 @@ NormalBundles bundle_normals(PointColumns& points, int size) {
   for (std::vector<double>* column : {&points.px, &points.py, &points.pz, &points.nx, &points.ny,
                                       &points.nz, &points.vx, &points.vy, &points.vz}) {
     reorder(*column, order);
+  }
+  for (std::vector<double>* column : {&points.nx, &points.ny, &points.nz}) {
+    column->resize(n + lane_width, 0.0);
   }
   const std::vector<std::int32_t> index = points.index;
   for (std::size_t i = 0; i < n; ++i) points.index[i] = index[order[i]];

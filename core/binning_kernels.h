@@ -41,7 +41,22 @@ void bundle_ranges(const NormalBundles& bundles, const Eigen::Vector3d& l, const
                    std::span<double> greatest_cosine, std::span<double> least_chord2,
                    std::span<double> greatest_chord2, int level);
 
-/// Sorts points into bundles of about `size` by their normals.
+/// What one distant light shows of a bundle within a range of rows.
+struct BundleView {
+  int lit = 0;    ///< points that face the light within its limit
+  int found = 0;  ///< of these, within the range
+};
+
+/// Points first … last − 1 that face a distant light within min_cos_i and have 4 sin²(θh/2) in
+/// [least, end): their places in `points` and their chords, in order; room for last − first of
+/// each.
+BundleView points_in_range(const PointColumns& points, std::size_t first, std::size_t last,
+                           const Eigen::Vector3d& l, const Eigen::Vector3d& h, double min_cos_i,
+                           double least, double end, std::span<std::int32_t> place,
+                           std::span<double> chord2, int level);
+
+/// Sorts points into bundles of about `size` by their normals; pads the normals by a vector of
+/// eight.
 NormalBundles bundle_normals(PointColumns& points, int size);
 
 }  // namespace lightrig

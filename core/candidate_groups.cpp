@@ -63,28 +63,45 @@ CandidateGroups::CandidateGroups(const BrdfBasis& basis, const CandidateBins& bi
     : grid_cell_(cells_in_use(bins)),
       offset_(bins.offset),
       seen_(static_cast<std::size_t>(bins.grid.cells()), 0),
-      seen_packed_(grid_cell_.size(), 0),
-      bins_(bins) {
+      seen_packed_(grid_cell_.size(), 0) {
   rows_ = pack(basis, grid_cell_, scale);
   std::vector<std::int32_t> packed(seen_.size(), -1);
   for (std::size_t u = 0; u < grid_cell_.size(); ++u) {
     packed[static_cast<std::size_t>(grid_cell_[u])] = static_cast<std::int32_t>(u);
   }
-  fresh_.resize(bins.cell.size());
+  group(bins, packed);
+  lay_places();
+  const std::size_t n = count_.size();
+  hash_.resize(n);
+  for (std::size_t i = 0; i < n; ++i) hash_[i] = hash_of(fresh(static_cast<int>(i)));
+  entries_.reserve(n);
+  distinct_.candidates.reserve(n);
+  distinct_.offset.resize(static_cast<std::size_t>(groups_) + 1);
+  taken_.reserve(grid_cell_.size());
+}
+
+/// What each candidate shows, as packed cells, and its group.
+void CandidateGroups::group(const CandidateBins& bins, const std::vector<std::int32_t>& packed) {
   const auto n = static_cast<std::size_t>(bins.candidates());
+  fresh_.resize(bins.cell.size());
   count_.resize(n);
   group_of_.assign(n, 0);
+  std::vector<std::int32_t> column(static_cast<std::size_t>(bins.grid.cells()));
+  for (std::size_t c = 0; c < column.size(); ++c) {
+    column[c] = bins.grid.column_d(static_cast<int>(c));
+  }
   std::vector<int> group_of_column(static_cast<std::size_t>(bins.grid.n_d), -1);
   for (std::size_t i = 0; i < n; ++i) {
-    std::int32_t* out = fresh_.data() + offset_[i];
+    std::int32_t* const out = fresh_.data() + offset_[i];
+    std::int32_t* end = out;
     std::int64_t columns = 0;
     for (const std::int32_t cell : bins.of(static_cast<int>(i))) {
-      *out++ = packed[static_cast<std::size_t>(cell)];
-      columns += bins.grid.column_d(cell);
+      *end++ = packed[static_cast<std::size_t>(cell)];
+      columns += column[static_cast<std::size_t>(cell)];
     }
-    count_[i] = static_cast<std::int32_t>(offset_[i + 1] - offset_[i]);
+    count_[i] = static_cast<std::int32_t>(end - out);
     if (count_[i] == 0) continue;
-    std::sort(out - count_[i], out);
+    if (!std::is_sorted(out, end)) std::sort(out, end);
     int& group = group_of_column[static_cast<std::size_t>(columns / count_[i])];
     if (group < 0) group = groups_++;
     group_of_[i] = group;
@@ -92,76 +109,103 @@ CandidateGroups::CandidateGroups(const BrdfBasis& basis, const CandidateBins& bi
   groups_ = std::max(1, groups_);
 }
 
-std::vector<std::int32_t> CandidateGroups::take(int candidate) {
+/// The cells of each group, and where those of its candidates stand among them.
+void CandidateGroups::lay_places() {
+  std::vector<std::vector<int>> members(static_cast<std::size_t>(groups_));
+  for (int i = 0; i < candidates(); ++i) {
+    members[static_cast<std::size_t>(group_of(i))].push_back(i);
+  }
+  place_.resize(fresh_.size());
+  std::vector<std::int32_t> place(grid_cell_.size(), -1);
+  group_offset_.push_back(0);
+  for (const std::vector<int>& of_group : members) {
+    const auto begin = static_cast<std::ptrdiff_t>(group_cell_.size());
+    for (const int i : of_group) {
+      for (const std::int32_t cell : fresh(i)) {
+        std::int32_t& known = place[static_cast<std::size_t>(cell)];
+        if (known >= 0) continue;
+        known = 0;
+        group_cell_.push_back(cell);
+      }
+    }
+    std::sort(group_cell_.begin() + begin, group_cell_.end());
+    const std::span<std::int32_t> cells =
+        std::span(group_cell_).subspan(static_cast<std::size_t>(begin));
+    for (std::size_t p = 0; p < cells.size(); ++p) {
+      place[static_cast<std::size_t>(cells[p])] = static_cast<std::int32_t>(p);
+    }
+    for (const int i : of_group) {
+      std::int32_t* out = place_.data() + offset_[static_cast<std::size_t>(i)];
+      for (const std::int32_t cell : fresh(i)) *out++ = place[static_cast<std::size_t>(cell)];
+    }
+    for (const std::int32_t cell : cells) place[static_cast<std::size_t>(cell)] = -1;
+    group_offset_.push_back(group_cell_.size());
+  }
+}
+
+std::span<const std::int32_t> CandidateGroups::take(int candidate) {
   const std::span<const std::int32_t> added = fresh(candidate);
-  std::vector<std::int32_t> cells(added.begin(), added.end());
-  for (const std::int32_t cell : cells) {
+  taken_.assign(added.begin(), added.end());
+  for (const std::int32_t cell : taken_) {
     seen_packed_[static_cast<std::size_t>(cell)] = 1;
     seen_[static_cast<std::size_t>(grid_cell_[static_cast<std::size_t>(cell)])] = 1;
   }
-  seen_cells_ += static_cast<int>(cells.size());
+  seen_cells_ += static_cast<int>(taken_.size());
   for (std::size_t i = 0; i < count_.size(); ++i) {
-    std::int32_t* first = fresh_.data() + offset_[i];
-    const std::int32_t* last = std::remove_if(first, first + count_[i], [&](std::int32_t cell) {
-      return seen_packed_[static_cast<std::size_t>(cell)] != 0;
-    });
-    count_[i] = static_cast<std::int32_t>(last - first);
+    std::int32_t* cell = fresh_.data() + offset_[i];
+    std::int32_t* place = place_.data() + offset_[i];
+    std::int32_t kept = 0;
+    for (std::int32_t c = 0; c < count_[i]; ++c) {
+      cell[kept] = cell[c];
+      place[kept] = place[c];
+      kept += seen_packed_[static_cast<std::size_t>(cell[c])] == 0 ? 1 : 0;
+    }
+    if (kept == count_[i]) continue;
+    count_[i] = kept;
+    hash_[i] = hash_of(fresh(static_cast<int>(i)));
   }
-  return cells;
+  return taken_;
 }
 
-CandidateGroups::Distinct CandidateGroups::distinct(const std::vector<std::uint8_t>& open) const {
-  struct Entry {
-    std::uint64_t hash;
-    int candidate;
-  };
-  Distinct found;
-  std::vector<Entry> entries;
+const CandidateGroups::Distinct& CandidateGroups::distinct(const std::vector<std::uint8_t>& open) {
+  distinct_.identical = 0;
+  distinct_.empty = 0;
+  entries_.clear();
   for (int i = 0; i < candidates(); ++i) {
-    if (open[static_cast<std::size_t>(i)] == 0) continue;
-    if (bins_.of(i).empty()) ++found.empty;
-    if (!fresh(i).empty()) entries.push_back({hash_of(fresh(i)), i});
+    const auto u = static_cast<std::size_t>(i);
+    if (open[u] == 0) continue;
+    if (offset_[u] == offset_[u + 1]) ++distinct_.empty;
+    if (count_[u] > 0) entries_.push_back({hash_[u], i});
   }
-  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+  std::sort(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) {
     return a.hash != b.hash ? a.hash < b.hash : a.candidate < b.candidate;
   });
-  std::vector<int> first_of_kind;
-  for (std::size_t i = 0; i < entries.size();) {
+  std::vector<int>& first_of_kind = distinct_.candidates;
+  first_of_kind.clear();
+  for (std::size_t i = 0; i < entries_.size();) {
     std::size_t end = i;
     const std::size_t kinds = first_of_kind.size();
-    for (; end < entries.size() && entries[end].hash == entries[i].hash; ++end) {
+    for (; end < entries_.size() && entries_[end].hash == entries_[i].hash; ++end) {
       // Equal hashes are compared in full: a merge is never a guess.
-      const std::span<const std::int32_t> cells = fresh(entries[end].candidate);
+      const std::span<const std::int32_t> cells = fresh(entries_[end].candidate);
       const bool known = std::any_of(
           first_of_kind.begin() + static_cast<std::ptrdiff_t>(kinds), first_of_kind.end(),
           [&](int other) { return std::ranges::equal(cells, fresh(other)); });
       if (known) {
-        ++found.identical;
+        ++distinct_.identical;
       } else {
-        first_of_kind.push_back(entries[end].candidate);
+        first_of_kind.push_back(entries_[end].candidate);
       }
     }
     i = end;
   }
-  std::sort(first_of_kind.begin(), first_of_kind.end());
-  found.members.resize(static_cast<std::size_t>(groups_));
-  found.cells.resize(static_cast<std::size_t>(groups_));
-  for (const int i : first_of_kind) {
-    found.members[static_cast<std::size_t>(group_of(i))].push_back(i);
-  }
-  std::vector<int> stamp(grid_cell_.size(), -1);
-  for (int g = 0; g < groups_; ++g) {
-    std::vector<std::int32_t>& cells = found.cells[static_cast<std::size_t>(g)];
-    for (const int i : found.members[static_cast<std::size_t>(g)]) {
-      for (const std::int32_t cell : fresh(i)) {
-        int& mark = stamp[static_cast<std::size_t>(cell)];
-        if (mark == g) continue;
-        mark = g;
-        cells.push_back(cell);
-      }
-    }
-  }
-  return found;
+  std::sort(first_of_kind.begin(), first_of_kind.end(), [&](int a, int b) {
+    return group_of(a) != group_of(b) ? group_of(a) < group_of(b) : a < b;
+  });
+  std::fill(distinct_.offset.begin(), distinct_.offset.end(), 0);
+  for (const int i : first_of_kind) ++distinct_.offset[static_cast<std::size_t>(group_of(i)) + 1];
+  std::partial_sum(distinct_.offset.begin(), distinct_.offset.end(), distinct_.offset.begin());
+  return distinct_;
 }
 
 }  // namespace lightrig

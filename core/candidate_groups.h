@@ -27,13 +27,20 @@ class CandidateGroups {
   const PackedRows& rows() const { return rows_; }
 
   /// Packed cells that a candidate would add, ascending.
-  std::span<const std::int32_t> fresh(int candidate) const {
-    const auto i = static_cast<std::size_t>(candidate);
-    return {fresh_.data() + offset_[i], static_cast<std::size_t>(count_[i])};
+  std::span<const std::int32_t> fresh(int candidate) const { return part(fresh_, candidate); }
+
+  /// Where the same cells stand among those of the candidate's group.
+  std::span<const std::int32_t> places(int candidate) const { return part(place_, candidate); }
+
+  /// Packed cells of all candidates of a group, ascending, seen or not.
+  std::span<const std::int32_t> cells_of_group(int group) const {
+    const auto g = static_cast<std::size_t>(group);
+    return {group_cell_.data() + group_offset_[g], group_cell_.data() + group_offset_[g + 1]};
   }
 
-  /// Marks a candidate's cells as seen; returns the packed cells that were new.
-  std::vector<std::int32_t> take(int candidate);
+  /// Marks a candidate's cells as seen; returns the packed cells that were new, until the next
+  /// call.
+  std::span<const std::int32_t> take(int candidate);
 
   const std::vector<std::uint8_t>& seen() const { return seen_; }
   int seen_cells() const { return seen_cells_; }
@@ -41,24 +48,48 @@ class CandidateGroups {
     return seen_packed_[static_cast<std::size_t>(packed)] != 0;
   }
 
-  /// The open candidates that add a cell, the first of each set that adds the same cells, by group.
+  /// The open candidates that add a cell, the first of each set that adds the same cells.
   struct Distinct {
-    std::vector<std::vector<int>> members;         ///< (groups), ascending
-    std::vector<std::vector<std::int32_t>> cells;  ///< (groups): union of what members add
+    std::vector<int> candidates;  ///< by group, ascending within
+    std::vector<int> offset;      ///< (groups + 1)
     std::int64_t identical = 0, empty = 0;
+
+    std::span<const int> of_group(int group) const {
+      const auto g = static_cast<std::size_t>(group);
+      return {candidates.data() + offset[g], candidates.data() + offset[g + 1]};
+    }
   };
-  Distinct distinct(const std::vector<std::uint8_t>& open) const;
+
+  /// Valid until the next call.
+  const Distinct& distinct(const std::vector<std::uint8_t>& open);
 
  private:
+  struct Entry {
+    std::uint64_t hash;
+    int candidate;
+  };
+
+  std::span<const std::int32_t> part(const std::vector<std::int32_t>& of, int candidate) const {
+    const auto i = static_cast<std::size_t>(candidate);
+    return {of.data() + offset_[i], static_cast<std::size_t>(count_[i])};
+  }
+  void group(const CandidateBins& bins, const std::vector<std::int32_t>& packed);
+  void lay_places();
+
   PackedRows rows_;
   std::vector<std::int32_t> grid_cell_;  ///< packed → grid
   std::vector<std::int64_t> offset_;
-  std::vector<std::int32_t> fresh_, count_;
+  std::vector<std::int32_t> fresh_, place_, count_;
+  std::vector<std::uint64_t> hash_;  ///< (candidates) of fresh()
   std::vector<int> group_of_;
   int groups_ = 0;
+  std::vector<std::int32_t> group_cell_;
+  std::vector<std::size_t> group_offset_;
   std::vector<std::uint8_t> seen_, seen_packed_;
   int seen_cells_ = 0;
-  const CandidateBins& bins_;
+  std::vector<std::int32_t> taken_;
+  std::vector<Entry> entries_;
+  Distinct distinct_;
 };
 
 }  // namespace lightrig

@@ -66,7 +66,13 @@ BoundarySearch::BoundarySearch(const std::vector<double>& boundary)
 }
 
 CellLookup::CellLookup(const BivariateGrid& grid)
-    : grid_(grid), row_(row_boundaries(grid)), column_(column_boundaries(grid)) {}
+    : grid_(grid),
+      row_begin_(row_boundaries(grid)),
+      row_(row_begin_),
+      column_(column_boundaries(grid)) {
+  row_begin_.insert(row_begin_.begin(), 0.0);
+  row_begin_.push_back(std::numeric_limits<double>::infinity());
+}
 
 int CellLookup::operator()(const Eigen::Vector3d& n, const Eigen::Vector3d& wi,
                            const Eigen::Vector3d& wo) const {

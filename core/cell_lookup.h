@@ -49,8 +49,12 @@ class CellLookup {
   int column(double difference_tangent2) const { return column_(difference_tangent2); }
   const BivariateGrid& grid() const { return grid_; }
 
+  /// The least 4 sin²(θh/2) of a row, 0 … n_h: row(x) ≥ i exactly where x ≥ row_begin(i).
+  double row_begin(int i) const { return row_begin_[static_cast<std::size_t>(i)]; }
+
  private:
   BivariateGrid grid_;
+  std::vector<double> row_begin_;
   BoundarySearch row_, column_;
 };
 

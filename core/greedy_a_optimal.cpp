@@ -6,7 +6,7 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "core/planner_chooser.h"
-#include "core/posterior_kernels.h"
+#include "core/symmetric_kernels.h"
 
 namespace lightrig {
 
@@ -109,7 +109,7 @@ class AOptimalChooser final : public LightChooser {
 };
 
 void AOptimalChooser::take(int candidate) {
-  const std::vector<std::int32_t> added = groups_.take(candidate);
+  const std::span<const std::int32_t> added = groups_.take(candidate);
   add_gram(groups_.rows(), added, gram_, level_);
   posterior_is_old_ = posterior_is_old_ || !added.empty();
 }
@@ -216,14 +216,10 @@ void AOptimalChooser::look_closer(std::span<const int> candidates) {
 
 Standing AOptimalChooser::best(const std::vector<std::uint8_t>& open) {
   if (posterior_is_old_) turn_to_posterior();
-  const CandidateGroups::Distinct distinct = groups_.distinct(open);
+  const CandidateGroups::Distinct& distinct = groups_.distinct(open);
   statistics_.identical_candidates += distinct.identical;
   statistics_.empty_candidates += distinct.empty;
-  std::vector<int> active;
-  for (const std::vector<int>& members : distinct.members) {
-    active.insert(active.end(), members.begin(), members.end());
-  }
-  std::sort(active.begin(), active.end());
+  const std::vector<int>& active = distinct.candidates;
   for (const int i : active) {
     bound_[static_cast<std::size_t>(i)] = 0;
     stage_[static_cast<std::size_t>(i)] = 0;

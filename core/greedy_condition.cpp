@@ -1,20 +1,43 @@
-#include <Eigen/Cholesky>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "core/candidate_groups.h"
+#include "core/parallel.h"
 #include "core/planner_chooser.h"
 #include "core/planner_kernels.h"
+#include "core/symmetric_kernels.h"
 
 namespace lightrig {
 
 namespace {
 
-using Lower = Eigen::Map<const Eigen::MatrixXd, Eigen::Unaligned, Eigen::OuterStride<>>;
-
 /// Iterations of a first look at a candidate, which most do not survive, and of a thorough one.
 constexpr int glancing = 3, converging = 30;
+
+/// Candidates from which on a step's first bounds are worth a second thread.
+constexpr std::size_t many_candidates = 8192;
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+/// Makes x a unit vector and returns how long it was; 0 where it has no direction. Rows of any size
+/// are welcome: their squares may leave the range.
+double normalize(std::span<double> x) {
+  double most = 0, sum = 0;
+  for (const double v : x) most = std::max(most, std::abs(v));
+  if (!(most > 0) || !std::isfinite(most) || !std::isfinite(1 / most)) return 0;
+  for (double& v : x) {
+    v *= 1 / most;
+    sum += v * v;
+  }
+  const double length = std::sqrt(sum);
+  for (double& v : x) v /= length;
+  return most * length;
+}
+
+double dot(std::span<const double> a, std::span<const double> b) {
+  return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
+}
 
 /// The condition criterion, exactly and with little work. With A = RᵀR of the lights taken and B of
 /// the rows that a candidate adds, for any unit vectors x and y
@@ -22,25 +45,14 @@ constexpr int glancing = 3, converging = 30;
 ///     λmin(A + B) ≤ |Rx|² + Σ (g·x)²,    λmax(A + B) ≥ |Ry|² + Σ (g·y)²,
 ///
 /// so every pair (x, y) bounds κ² of every candidate from below, at one number per cell. A group of
-/// candidates shares a pair; the candidate of least bound is refined (its own extreme vectors, by
-/// inverse and plain iteration, become the group's pair) and, when its refined bound is still the
-/// least, decided by the singular values of [R; rows]. Sums of squares have no cancellation: the
-/// bounds hold for matrices of any condition.
+/// candidates shares a pair: the extreme vectors of all that the group would add, by inverse and
+/// plain iteration. The candidate of least bound is refined (its own extreme vectors become the
+/// group's pair) and, when its refined bound is still the least, decided by the singular values of
+/// [R; rows]. Sums of squares have no cancellation: the bounds hold for matrices of any condition.
 class ConditionChooser final : public LightChooser {
  public:
-  ConditionChooser(const BrdfBasis& basis, const CandidateBins& bins)
-      : basis_(basis), groups_(basis, bins, {}), k_(basis.components()) {
-    const auto stride = static_cast<std::size_t>(groups_.rows().stride);
-    gram_.assign(static_cast<std::size_t>(k_) * stride, 0.0);
-    work_ = gram_;
-    energy_.assign(groups_.rows().data.size() / stride, 0.0);
-    low_.assign(static_cast<std::size_t>(groups_.candidates()), 0.0);
-    high_ = low_;
-    stage_.assign(low_.size(), Stage::bounded);
-    probe_.resize(static_cast<std::size_t>(groups_.groups()));
-    group_gram_.resize(probe_.size());
-    own_.assign(energy_.size(), 0);
-  }
+  ConditionChooser(const BrdfBasis& basis, const CandidateBins& bins,
+                   const SelectionOptions& options);
 
   Standing best(const std::vector<std::uint8_t>& open) override;
   void take(int candidate) override;
@@ -50,220 +62,114 @@ class ConditionChooser final : public LightChooser {
  private:
   /// Bounded by its group's pair; by its own after a few iterations; by its own, converged.
   enum class Stage : std::uint8_t { bounded, refined, converged, decided };
-  /// A pair of unit vectors with |Rx|² and |Ry|².
-  struct Probe {
-    Eigen::VectorXd x, y;  ///< (stride), zeros at the end; empty until the group is first looked at
-    double low = 0, high = 0;
-  };
 
-  Probe refined(int candidate, const Probe& start, int iterations,
-                std::span<const std::int32_t> group_cells);
-  void gather_information(int candidate, std::span<const std::int32_t> group_cells);
-  Probe refined_by_qr(int candidate, Probe probe) const;
-  void apply(const Probe& probe, const std::vector<int>& members,
-             std::span<const std::int32_t> cells);
-  void bound_group(std::size_t group, const CandidateGroups::Distinct& distinct);
-  double bound(int candidate) const;
+  /// What candidates of one group share: a pair of unit vectors with |Rx|² and |Ry|², and the
+  /// energies of the group's cells along them.
+  struct Group {
+    std::vector<double> x, y;  ///< (stride), zeros at the end; empty until first looked at
+    double low = 0, high = 0;
+    std::vector<double> of_x, of_y;  ///< (cells of the group)
+    std::vector<double> gram;        ///< of the group's unseen cells, for refinement only
+    std::size_t in_gram = 0;         ///< how many these were
+    bool looked_at = false;          ///< since a light was last taken
+    int next = -1;                   ///< candidate of least bound that is not decided
+  };
+  /// Memory that one worker uses again for every group.
+  struct Work {
+    std::vector<double> A, R, z, ones;
+    std::vector<std::uint8_t> own;  ///< (packed cells) all zero between calls
+    std::vector<std::int32_t> cells;
+  };
   /// What is known of a candidate that was decided, kept until one is taken.
   struct Decision {
     int candidate = -1, rank = 0;
-    Eigen::MatrixXd R;
+    PackedRows R;
   };
 
+  void refine(int group, int candidate, int iterations, Work& work);
+  void gather_information(int group, int candidate, Work& work);
+  bool refine_least(Group& group, double top, int iterations, Work& work) const;
+  void refine_by_qr(Group& group, std::span<const std::int32_t> cells) const;
+  void measure_taken(Group& group) const;
+  void measure_cells(int group);
+  void bound_members(int group, std::span<const int> members);
+  double bound(int candidate) const;
+  void first_look(const CandidateGroups::Distinct& distinct);
+  bool beyond_full_rank(int candidate) const;
   Standing decide(int candidate);
   void decide_deficient(const std::vector<int>& active, std::vector<Standing>& standings);
-  Eigen::MatrixXd factor_with(std::span<const std::int32_t> cells) const;
-  double energy_of_taken(const Eigen::VectorXd& x) const {
-    return R_.rows() > 0 ? (R_ * x.head(k_)).squaredNorm() : 0.0;
-  }
+  PackedRows factor_with(std::span<const std::int32_t> cells) const;
+  Stage& stage_of(int candidate) { return stage_[static_cast<std::size_t>(candidate)]; }
 
-  const BrdfBasis& basis_;
   CandidateGroups groups_;
-  Eigen::Index k_;
-  Eigen::MatrixXd R_;                            ///< QR factor of the rows taken, (≤ k × k)
-  std::vector<double> gram_;                     ///< RᵀR, upper triangle, for refinement only
-  std::vector<std::vector<double>> group_gram_;  ///< with all that a group adds; empty: not needed
-  std::vector<double> work_;
-  std::vector<std::uint8_t> own_;  ///< (packed cells) all zero between calls
-  std::vector<std::int32_t> lacking_;
-  std::vector<double> energy_;  ///< (packed cells) of the probe at hand
-  std::vector<double> low_;     ///< (candidates) upper bound of λmin
-  std::vector<double> high_;    ///< (candidates) lower bound of λmax
+  int k_, stride_, level_, threads_;
+  PackedRows R_;                     ///< QR factor of the rows taken, one row per "cell"
+  std::vector<std::int32_t> all_R_;  ///< 0, 1, … its rows
+  std::vector<double> gram_;         ///< RᵀR, upper triangle, for refinement only
+  std::vector<Group> group_;
+  std::vector<Work> work_;
+  std::vector<double> low_;    ///< (candidates) upper bound of λmin
+  std::vector<double> high_;   ///< (candidates) lower bound of λmax
+  std::vector<double> bound_;  ///< (candidates) lower bound of κ²
   std::vector<Stage> stage_;
-  std::vector<Probe> probe_;  ///< (groups)
   std::vector<Decision> decisions_;
   int rank_ = 0;  ///< of the rows taken
   SelectionStatistics statistics_;
 };
 
-/// R of [R; rows of these cells], (min(rows, k) × k).
-Eigen::MatrixXd ConditionChooser::factor_with(std::span<const std::int32_t> cells) const {
+ConditionChooser::ConditionChooser(const BrdfBasis& basis, const CandidateBins& bins,
+                                   const SelectionOptions& options)
+    : groups_(basis, bins, {}),
+      k_(groups_.rows().k),
+      stride_(groups_.rows().stride),
+      level_(vector_level()),
+      threads_(std::max(1, options.threads)) {
+  R_.k = k_;
+  R_.stride = stride_;
+  const auto size = static_cast<std::size_t>(k_) * static_cast<std::size_t>(stride_);
+  gram_.assign(size, 0.0);
+  const auto n = static_cast<std::size_t>(groups_.candidates());
+  low_.assign(n, 0.0);
+  high_.assign(n, 0.0);
+  bound_.assign(n, 0.0);
+  stage_.assign(n, Stage::bounded);
+  group_.resize(static_cast<std::size_t>(groups_.groups()));
+  for (std::size_t g = 0; g < group_.size(); ++g) {
+    const std::size_t cells = groups_.cells_of_group(static_cast<int>(g)).size();
+    group_[g].of_x.resize(cells);
+    group_[g].of_y.resize(cells);
+    group_[g].gram.resize(size);
+  }
   const PackedRows& rows = groups_.rows();
-  const Eigen::Index added = static_cast<Eigen::Index>(cells.size()) * rows.per_cell;
-  Eigen::MatrixXd stacked(R_.rows() + added, k_);
-  stacked.topRows(R_.rows()) = R_;
-  Eigen::Index row = R_.rows();
+  work_.resize(static_cast<std::size_t>(threads_));
+  for (Work& work : work_) {
+    work.A.resize(size);
+    work.R.resize(size);
+    work.z.resize(static_cast<std::size_t>(stride_));
+    work.own.assign(rows.data.size() / static_cast<std::size_t>(stride_ * rows.per_cell), 0);
+    work.cells.reserve(work.own.size());
+  }
+}
+
+/// R of [R; rows of these cells], (min(rows, k) × stride).
+PackedRows ConditionChooser::factor_with(std::span<const std::int32_t> cells) const {
+  const PackedRows& rows = groups_.rows();
+  PackedRows stacked = R_;
   for (const std::int32_t cell : cells) {
-    const Eigen::Map<const Eigen::MatrixXd> of_cell(rows.of(cell), rows.stride, rows.per_cell);
-    stacked.middleRows(row, rows.per_cell) = of_cell.topRows(k_).transpose();
-    row += rows.per_cell;
+    const double* of_cell = rows.of(cell);
+    stacked.data.insert(stacked.data.end(), of_cell,
+                        of_cell + static_cast<std::ptrdiff_t>(rows.per_cell) * stride_);
   }
-  if (stacked.rows() <= k_) return stacked;
-  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(stacked);
-  return qr.matrixQR().topRows(k_).triangularView<Eigen::Upper>();
-}
-
-void ConditionChooser::take(int candidate) {
-  const auto known = std::find_if(decisions_.begin(), decisions_.end(),
-                                  [&](const Decision& d) { return d.candidate == candidate; });
-  if (known == decisions_.end()) {  // a light captured already: nobody chose it here
-    decide(candidate);
-    --statistics_.exact_evaluations;
-    R_ = decisions_.back().R;
-    rank_ = decisions_.back().rank;
-  } else {
-    R_ = known->R;
-    rank_ = known->rank;
+  const auto count = static_cast<int>(stacked.data.size() / static_cast<std::size_t>(stride_));
+  if (count <= k_) return stacked;
+  std::vector<double> scratch(static_cast<std::size_t>(count + stride_));
+  triangularize(stacked.data, count, k_, stride_, scratch, level_);
+  stacked.data.resize(gram_.size());
+  for (int i = 1; i < k_; ++i) {
+    double* row = stacked.data.data() + static_cast<std::ptrdiff_t>(i) * stride_;
+    std::fill(row, row + i, 0.0);
   }
-  decisions_.clear();
-  for (std::vector<double>& of_group : group_gram_) of_group.clear();
-  const std::vector<std::int32_t> added = groups_.take(candidate);
-  add_gram(groups_.rows(), added, gram_, vector_level());
-  for (Probe& probe : probe_) {
-    if (probe.x.size() == 0) continue;
-    probe.low = energy_of_taken(probe.x);
-    probe.high = energy_of_taken(probe.y);
-  }
-}
-
-/// The extreme vectors of A + B by QR and triangular solves: for what Cholesky cannot factor.
-ConditionChooser::Probe ConditionChooser::refined_by_qr(int candidate, Probe probe) const {
-  const Eigen::MatrixXd R = factor_with(groups_.fresh(candidate));
-  if (R.rows() < k_) return probe;
-  Eigen::VectorXd x = probe.x.head(k_);
-  for (int i = 0; i < 8; ++i) {
-    Eigen::VectorXd z = R.transpose().triangularView<Eigen::Lower>().solve(x);
-    z = R.triangularView<Eigen::Upper>().solve(z);
-    const double length = z.stableNorm();
-    if (!std::isfinite(length) || !(length > 0)) break;
-    x = z / length;
-  }
-  probe.x.head(k_) = x;
-  return probe;
-}
-
-/// work_ = A + B: the rows of the candidate's whole group, summed once per light, less those that
-/// the candidate lacks, where these are the fewer. Good enough for a refinement: whatever vectors
-/// come of it, bounds take them through sums of squares.
-void ConditionChooser::gather_information(int candidate,
-                                          std::span<const std::int32_t> group_cells) {
-  const std::span<const std::int32_t> own = groups_.fresh(candidate);
-  if (2 * (group_cells.size() - own.size()) >= own.size()) {
-    work_ = gram_;
-    add_gram(groups_.rows(), own, work_, vector_level());
-    return;
-  }
-  const auto g = static_cast<std::size_t>(groups_.group_of(candidate));
-  if (group_gram_[g].empty()) {
-    group_gram_[g] = gram_;
-    add_gram(groups_.rows(), group_cells, group_gram_[g], vector_level());
-  }
-  for (const std::int32_t cell : own) own_[static_cast<std::size_t>(cell)] = 1;
-  lacking_.clear();
-  for (const std::int32_t cell : group_cells) {
-    if (own_[static_cast<std::size_t>(cell)] == 0) lacking_.push_back(cell);
-  }
-  for (const std::int32_t cell : own) own_[static_cast<std::size_t>(cell)] = 0;
-  work_ = group_gram_[g];
-  add_gram(groups_.rows(), lacking_, work_, vector_level(), -1);
-}
-
-/// The extreme vectors of A + B, as far as a few iterations from a neighbour's take them.
-ConditionChooser::Probe ConditionChooser::refined(int candidate, const Probe& start, int iterations,
-                                                  std::span<const std::int32_t> group_cells) {
-  const PackedRows& rows = groups_.rows();
-  gather_information(candidate, group_cells);
-  const Lower A(work_.data(), k_, k_, Eigen::OuterStride<>(rows.stride));
-  Probe probe = start;
-  if (probe.x.size() == 0) {
-    // Any start with a part in every direction will do.
-    probe.x = Eigen::VectorXd::Zero(rows.stride);
-    for (Eigen::Index i = 0; i < k_; ++i) probe.x[i] = 1 + 0.5 * std::sin(1.0 + 3.0 * double(i));
-    probe.x.normalize();
-    probe.y = probe.x;
-  }
-  Eigen::VectorXd y = probe.y.head(k_);
-  double top = 0;
-  for (int i = 0; i < iterations; ++i) {
-    const Eigen::VectorXd z = A.selfadjointView<Eigen::Lower>() * y;
-    const double length = z.stableNorm();
-    if (!(length > 0)) break;
-    y = z / length;
-    if (length - top <= 1e-3 * length && i >= 2) break;
-    top = length;
-  }
-  probe.y.head(k_) = y;
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(A);
-  bool by_qr = cholesky.info() != Eigen::Success;
-  Eigen::VectorXd x = probe.x.head(k_);
-  double last = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < iterations && !by_qr; ++i) {
-    const Eigen::VectorXd z = cholesky.solve(x);
-    const double length = z.stableNorm();  // rows of any size: squares may leave the range
-    by_qr = !(length > 0) || !std::isfinite(length);
-    if (by_qr) break;
-    const double quotient = (z / length).dot(x) / length;
-    by_qr = !(quotient > 1e-10 * top);
-    x = z / length;
-    if (last - quotient <= 1e-7 * quotient) break;
-    last = quotient;
-  }
-  if (by_qr) {
-    probe = refined_by_qr(candidate, probe);
-  } else {
-    probe.x.head(k_) = x;
-  }
-  probe.low = energy_of_taken(probe.x);
-  probe.high = energy_of_taken(probe.y);
-  return probe;
-}
-
-/// Tightens the bounds of candidates by one probe; `cells` holds at least all that they add.
-void ConditionChooser::apply(const Probe& probe, const std::vector<int>& members,
-                             std::span<const std::int32_t> cells) {
-  const auto energies = [&](const Eigen::VectorXd& x) {
-    std::vector<double> packed(cells.size());
-    cell_energies(groups_.rows(), cells, {x.data(), static_cast<std::size_t>(x.size())}, packed,
-                  vector_level());
-    for (std::size_t i = 0; i < cells.size(); ++i) {
-      energy_[static_cast<std::size_t>(cells[i])] = packed[i];
-    }
-  };
-  const auto sum_over = [&](int candidate) {
-    double sum = 0;
-    for (const std::int32_t cell : groups_.fresh(candidate)) {
-      sum += energy_[static_cast<std::size_t>(cell)];
-    }
-    return sum;
-  };
-  energies(probe.x);
-  for (const int i : members) {
-    double& low = low_[static_cast<std::size_t>(i)];
-    low = std::min(low, probe.low + sum_over(i));
-  }
-  energies(probe.y);
-  for (const int i : members) {
-    double& high = high_[static_cast<std::size_t>(i)];
-    high = std::max(high, probe.high + sum_over(i));
-  }
-}
-
-/// Lower bound of κ², with room for the rounding of its sums.
-double ConditionChooser::bound(int candidate) const {
-  const auto i = static_cast<std::size_t>(candidate);
-  const double rounding = static_cast<double>(k_) * std::numeric_limits<double>::epsilon();
-  const double least = std::sqrt(low_[i]) + rounding * std::sqrt(high_[i]);
-  return (1 - 1e-11) * high_[i] / (least * least);
+  return stacked;
 }
 
 Standing ConditionChooser::decide(int candidate) {
@@ -271,27 +177,207 @@ Standing ConditionChooser::decide(int candidate) {
   const std::span<const std::int32_t> cells = groups_.fresh(candidate);
   const Eigen::Index total =
       (groups_.seen_cells() + static_cast<Eigen::Index>(cells.size())) * groups_.rows().per_cell;
-  const Eigen::MatrixXd R = factor_with(cells);
-  const Conditioning found = conditioning_of(singular_values(R), total, k_);
-  decisions_.push_back({candidate, found.rank, R});
+  PackedRows R = factor_with(cells);
+  const Eigen::Index rows = static_cast<Eigen::Index>(R.data.size()) / stride_;
+  const Eigen::Map<const Eigen::MatrixXd> transposed(R.data.data(), stride_, rows);
+  const Eigen::MatrixXd square = transposed.topRows(k_).transpose();
+  const Conditioning found = conditioning_of(singular_values(square), total, k_);
+  decisions_.push_back({candidate, found.rank, std::move(R)});
   return {candidate, found.rank, found.pseudo_condition};
 }
 
-void ConditionChooser::bound_group(std::size_t group, const CandidateGroups::Distinct& distinct) {
-  const std::vector<int>& members = distinct.members[group];
-  if (members.empty()) return;
-  for (const int i : members) {
-    low_[static_cast<std::size_t>(i)] = std::numeric_limits<double>::infinity();
-    high_[static_cast<std::size_t>(i)] = 0;
-    stage_[static_cast<std::size_t>(i)] = Stage::bounded;
+void ConditionChooser::take(int candidate) {
+  auto known = std::find_if(decisions_.begin(), decisions_.end(),
+                            [&](const Decision& d) { return d.candidate == candidate; });
+  if (known == decisions_.end()) {  // a light captured already: nobody chose it here
+    decide(candidate);
+    --statistics_.exact_evaluations;
+    known = decisions_.end() - 1;
   }
-  if (probe_[group].x.size() == 0) {
-    const int largest = *std::max_element(members.begin(), members.end(), [&](int a, int b) {
-      return groups_.fresh(a).size() < groups_.fresh(b).size();
-    });
-    probe_[group] = refined(largest, probe_[group], converging, distinct.cells[group]);
+  R_ = std::move(known->R);
+  rank_ = known->rank;
+  decisions_.clear();
+  all_R_.resize(R_.data.size() / static_cast<std::size_t>(stride_));
+  std::iota(all_R_.begin(), all_R_.end(), 0);
+  const std::span<const std::int32_t> added = groups_.take(candidate);
+  add_gram(groups_.rows(), added, gram_, level_);
+  for (Group& group : group_) {
+    if (!group.x.empty()) measure_taken(group);
   }
-  apply(probe_[group], members, distinct.cells[group]);
+}
+
+/// |Rx|² and |Ry|².
+void ConditionChooser::measure_taken(Group& group) const {
+  group.low = group.high = 0;
+  for (const std::int32_t row : all_R_) {
+    double of_x = 0, of_y = 0;
+    cell_energies(R_, {&row, 1}, group.x, group.y, {&of_x, 1}, {&of_y, 1}, level_);
+    group.low += of_x;
+    group.high += of_y;
+  }
+}
+
+void ConditionChooser::measure_cells(int g) {
+  Group& group = group_[static_cast<std::size_t>(g)];
+  cell_energies(groups_.rows(), groups_.cells_of_group(g), group.x, group.y, group.of_x, group.of_y,
+                level_);
+}
+
+/// work.A = A + B of a candidate, or of all that its group would add where candidate < 0. A group's
+/// rows are summed once and again only when some of them were taken; a candidate's B is that less
+/// what it lacks, where this is the fewer. Good enough for a refinement: whatever vectors come of
+/// it, bounds take them through sums of squares.
+void ConditionChooser::gather_information(int g, int candidate, Work& work) {
+  Group& group = group_[static_cast<std::size_t>(g)];
+  const PackedRows& rows = groups_.rows();
+  const std::span<const std::int32_t> own =
+      candidate >= 0 ? groups_.fresh(candidate) : std::span<const std::int32_t>();
+  work.cells.clear();
+  for (const std::int32_t cell : groups_.cells_of_group(g)) {
+    if (!groups_.packed_seen(cell)) work.cells.push_back(cell);
+  }
+  std::copy(gram_.begin(), gram_.end(), work.A.begin());
+  if (candidate >= 0 && 2 * (work.cells.size() - own.size()) >= own.size()) {
+    add_gram(rows, own, work.A, level_);
+    return;
+  }
+  if (group.in_gram != work.cells.size()) {  // cells only ever leave: as many are the same
+    group.in_gram = work.cells.size();
+    std::fill(group.gram.begin(), group.gram.end(), 0.0);
+    add_gram(rows, work.cells, group.gram, level_);
+  }
+  for (std::size_t i = 0; i < work.A.size(); ++i) work.A[i] += group.gram[i];
+  if (candidate < 0) return;
+  for (const std::int32_t cell : own) work.own[static_cast<std::size_t>(cell)] = 1;
+  std::erase_if(work.cells,
+                [&](std::int32_t cell) { return work.own[static_cast<std::size_t>(cell)] != 0; });
+  for (const std::int32_t cell : own) work.own[static_cast<std::size_t>(cell)] = 0;
+  add_gram(rows, work.cells, work.A, level_, -1);
+}
+
+/// The extreme vectors of A + B by QR and triangular solves: for what Cholesky cannot factor.
+void ConditionChooser::refine_by_qr(Group& group, std::span<const std::int32_t> cells) const {
+  const PackedRows R = factor_with(cells);
+  if (R.data.size() < gram_.size()) return;
+  std::vector<double> z = group.x;
+  for (int i = 0; i < 8; ++i) {
+    solve_with_factor(R.data, k_, stride_, z, level_);
+    if (normalize(z) == 0) return;
+    group.x = z;
+  }
+}
+
+/// x towards the least eigenvector of work.A by inverse iteration; false where Cholesky is not fit
+/// for it. `top` is about the greatest eigenvalue.
+bool ConditionChooser::refine_least(Group& group, double top, int iterations, Work& work) const {
+  std::copy(work.A.begin(), work.A.end(), work.R.begin());
+  if (!cholesky(work.R, k_, stride_, level_)) return false;
+  double last = infinity;
+  for (int i = 0; i < iterations; ++i) {
+    std::copy(group.x.begin(), group.x.end(), work.z.begin());
+    solve_with_factor(work.R, k_, stride_, work.z, level_);
+    const double length = normalize(work.z);
+    if (length == 0) return false;
+    const double quotient = dot(work.z, group.x) / length;
+    if (!(quotient > 1e-10 * top)) return false;
+    group.x.swap(work.z);
+    if (last - quotient <= 1e-7 * quotient) break;
+    last = quotient;
+  }
+  return true;
+}
+
+/// The group's pair towards the extreme vectors of A + B, of a candidate or of all that the group
+/// would add, as far as a few iterations from the pair so far take them.
+void ConditionChooser::refine(int g, int candidate, int iterations, Work& work) {
+  Group& group = group_[static_cast<std::size_t>(g)];
+  gather_information(g, candidate, work);
+  if (group.x.empty()) {
+    // Any start with a part in every direction will do.
+    group.x.assign(static_cast<std::size_t>(stride_), 0.0);
+    for (int i = 0; i < k_; ++i) {
+      group.x[static_cast<std::size_t>(i)] = 1 + 0.5 * std::sin(1.0 + 3.0 * i);
+    }
+    normalize(group.x);
+    group.y = group.x;
+  }
+  double top = 0;
+  for (int i = 0; i < iterations; ++i) {
+    multiply(work.A, k_, stride_, group.y, work.z, level_);
+    const double length = normalize(work.z);
+    if (length == 0) break;
+    group.y.swap(work.z);
+    const bool settled = length - top <= 1e-3 * length;
+    top = length;
+    if (settled && i >= 1) break;
+  }
+  if (!refine_least(group, top, iterations, work)) {
+    if (candidate < 0) {
+      work.cells.clear();
+      for (const std::int32_t cell : groups_.cells_of_group(g)) {
+        if (!groups_.packed_seen(cell)) work.cells.push_back(cell);
+      }
+    }
+    refine_by_qr(group, candidate < 0 ? work.cells : groups_.fresh(candidate));
+  }
+  measure_taken(group);
+  measure_cells(g);
+}
+
+/// Tightens the bounds of a group's candidates by its pair.
+void ConditionChooser::bound_members(int g, std::span<const int> members) {
+  Group& group = group_[static_cast<std::size_t>(g)];
+  group.next = -1;
+  double least = infinity;
+  for (const int candidate : members) {
+    const auto i = static_cast<std::size_t>(candidate);
+    double low = group.low, high = group.high;
+    for (const std::int32_t place : groups_.places(candidate)) {
+      low += group.of_x[static_cast<std::size_t>(place)];
+      high += group.of_y[static_cast<std::size_t>(place)];
+    }
+    low_[i] = std::min(low_[i], low);
+    high_[i] = std::max(high_[i], high);
+    bound_[i] = bound(candidate);
+    if (stage_[i] == Stage::decided) continue;
+    if (group.next < 0 || bound_[i] < least) {
+      group.next = candidate;
+      least = bound_[i];
+    }
+  }
+}
+
+/// Lower bound of κ², with room for the rounding of its sums.
+double ConditionChooser::bound(int candidate) const {
+  const auto i = static_cast<std::size_t>(candidate);
+  const double rounding = k_ * std::numeric_limits<double>::epsilon();
+  const double least = std::sqrt(low_[i]) + rounding * std::sqrt(high_[i]);
+  return (1 - 1e-11) * high_[i] / (least * least);
+}
+
+/// Every candidate's bound by its group's pair as it stands.
+void ConditionChooser::first_look(const CandidateGroups::Distinct& distinct) {
+  const int threads = distinct.candidates.size() >= many_candidates ? threads_ : 1;
+  parallel_ranges(groups_.groups(), 1, threads,
+                  [&](std::int64_t first, std::int64_t last, int worker) {
+                    for (int g = static_cast<int>(first); g < static_cast<int>(last); ++g) {
+                      Group& group = group_[static_cast<std::size_t>(g)];
+                      const std::span<const int> members = distinct.of_group(g);
+                      group.looked_at = false;
+                      group.next = -1;
+                      if (members.empty()) continue;
+                      for (const int i : members) {
+                        low_[static_cast<std::size_t>(i)] = infinity;
+                        high_[static_cast<std::size_t>(i)] = 0;
+                        stage_of(i) = Stage::bounded;
+                      }
+                      if (group.x.empty()) {
+                        refine(g, -1, converging, work_[static_cast<std::size_t>(worker)]);
+                        group.looked_at = true;
+                      }
+                      bound_members(g, members);
+                    }
+                  });
 }
 
 /// No candidate reaches full rank: the rank decides, and its bound is the number of rows.
@@ -304,7 +390,7 @@ void ConditionChooser::decide_deficient(const std::vector<int>& active,
   };
   std::vector<int> open;
   for (const int i : active) {
-    if (stage_[static_cast<std::size_t>(i)] != Stage::decided) open.push_back(i);
+    if (stage_of(i) != Stage::decided) open.push_back(i);
   }
   std::stable_sort(open.begin(), open.end(),
                    [&](int a, int b) { return rank_bound(a) > rank_bound(b); });
@@ -317,59 +403,61 @@ void ConditionChooser::decide_deficient(const std::vector<int>& active,
   }
 }
 
+/// Whether a candidate's bound is beyond what counts as full rank.
+bool ConditionChooser::beyond_full_rank(int candidate) const {
+  const double rows = static_cast<double>(std::max<Eigen::Index>(
+      k_, (groups_.seen_cells() + static_cast<Eigen::Index>(groups_.fresh(candidate).size())) *
+              groups_.rows().per_cell));
+  const double ratio = rows * std::numeric_limits<double>::epsilon();
+  return bound_[static_cast<std::size_t>(candidate)] > 0.25 / (ratio * ratio);
+}
+
 Standing ConditionChooser::best(const std::vector<std::uint8_t>& open) {
-  const CandidateGroups::Distinct distinct = groups_.distinct(open);
-  for (std::vector<double>& of_group : group_gram_) of_group.clear();
+  const CandidateGroups::Distinct& distinct = groups_.distinct(open);
   statistics_.identical_candidates += distinct.identical;
   statistics_.empty_candidates += distinct.empty;
-  std::vector<int> active;
-  for (std::size_t g = 0; g < distinct.members.size(); ++g) {
-    bound_group(g, distinct);
-    active.insert(active.end(), distinct.members[g].begin(), distinct.members[g].end());
-  }
-  std::vector<double> bound_of(low_.size(), 0.0);
-  for (const int i : active) bound_of[static_cast<std::size_t>(i)] = bound(i);
-
+  first_look(distinct);
   decisions_.clear();
   std::vector<Standing> standings;
   Standing leader;  // best of full rank
-  const double epsilon = std::numeric_limits<double>::epsilon();
   while (true) {
     int next = -1;
-    for (const int i : active) {
-      const auto u = static_cast<std::size_t>(i);
-      if (stage_[u] == Stage::decided) continue;
-      if (next < 0 || bound_of[u] < bound_of[static_cast<std::size_t>(next)]) next = i;
-    }
-    if (next < 0) break;
-    const auto u = static_cast<std::size_t>(next);
-    if (leader.candidate >= 0) {
-      if (bound_of[u] > leader.score * (1 + 2 * tie_tolerance(leader.score))) break;
-    } else {
-      const double rows = static_cast<double>(std::max<Eigen::Index>(
-          k_, (groups_.seen_cells() + Eigen::Index(groups_.fresh(next).size())) *
-                  groups_.rows().per_cell));
-      if (bound_of[u] > 0.25 / (rows * epsilon * rows * epsilon)) {
-        // The least bound is already beyond what counts as full rank.
-        decide_deficient(active, standings);
-        break;
+    for (const Group& group : group_) {
+      if (group.next < 0) continue;
+      if (next < 0 ||
+          bound_[static_cast<std::size_t>(group.next)] < bound_[static_cast<std::size_t>(next)]) {
+        next = group.next;
       }
     }
-    if (stage_[u] == Stage::bounded || stage_[u] == Stage::refined) {
-      const auto g = static_cast<std::size_t>(groups_.group_of(next));
-      const bool first = stage_[u] == Stage::bounded;
-      probe_[g] = refined(next, probe_[g], first ? glancing : converging, distinct.cells[g]);
-      stage_[u] = first ? Stage::refined : Stage::converged;
-      apply(probe_[g], distinct.members[g], distinct.cells[g]);
-      for (const int i : distinct.members[g]) bound_of[static_cast<std::size_t>(i)] = bound(i);
-      continue;
+    if (next < 0) break;
+    if (leader.candidate >= 0) {
+      if (bound_[static_cast<std::size_t>(next)] >
+          leader.score * (1 + 2 * tie_tolerance(leader.score))) {
+        break;
+      }
+    } else if (beyond_full_rank(next)) {
+      decide_deficient(distinct.candidates, standings);
+      break;
     }
-    stage_[u] = Stage::decided;
-    standings.push_back(decide(next));
-    const Standing& found = standings.back();
-    if (found.rank == k_ && (leader.candidate < 0 || found.score < leader.score)) leader = found;
+    const int g = groups_.group_of(next);
+    Group& group = group_[static_cast<std::size_t>(g)];
+    Stage& stage = stage_of(next);
+    if (!group.looked_at) {
+      group.looked_at = true;
+      refine(g, -1, glancing, work_.front());
+    } else if (stage == Stage::bounded || stage == Stage::refined) {
+      refine(g, next, stage == Stage::bounded ? glancing : converging, work_.front());
+      stage = stage == Stage::bounded ? Stage::refined : Stage::converged;
+    } else {
+      stage = Stage::decided;
+      standings.push_back(decide(next));
+      const Standing& found = standings.back();
+      if (found.rank == k_ && (leader.candidate < 0 || found.score < leader.score)) leader = found;
+    }
+    bound_members(g, distinct.of_group(g));
   }
-  statistics_.bounded_away += static_cast<std::int64_t>(active.size() - standings.size());
+  statistics_.bounded_away +=
+      static_cast<std::int64_t>(distinct.candidates.size() - standings.size());
   return best_of(standings);
 }
 
@@ -377,8 +465,8 @@ Standing ConditionChooser::best(const std::vector<std::uint8_t>& open) {
 
 std::unique_ptr<LightChooser> make_condition_chooser(const BrdfBasis& basis,
                                                      const CandidateBins& bins,
-                                                     const SelectionOptions& /*options*/) {
-  return std::make_unique<ConditionChooser>(basis, bins);
+                                                     const SelectionOptions& options) {
+  return std::make_unique<ConditionChooser>(basis, bins, options);
 }
 
 }  // namespace lightrig

@@ -1,5 +1,6 @@
 #include "core/planner_kernels.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -18,12 +19,6 @@ constexpr int width = lane_width;
 
 [[gnu::always_inline]] inline const Lanes& at(const double* p) { return lanes_at(p); }
 [[gnu::always_inline]] inline Lanes& at(double* p) { return lanes_at(p); }
-
-[[gnu::always_inline]] inline double dot(const double* a, const double* b, int stride) {
-  Lanes partial{};
-  for (int j = 0; j < stride; j += width) partial += at(a + j) * at(b + j);
-  return sum_of(partial);
-}
 
 /// A (k × columns) += Σ g gᵀ over six rows at a time, a vector of columns j ≥ i held while they
 /// pass.
@@ -75,15 +70,52 @@ constexpr int width = lane_width;
 
 [[gnu::always_inline]] inline void energy_body(const PackedRows& rows,
                                                std::span<const std::int32_t> cells, const double* x,
-                                               double* energy) {
+                                               const double* y, double* of_x, double* of_y) {
+  const int stride = rows.stride;
   for (std::size_t c = 0; c < cells.size(); ++c) {
     const double* g = rows.of(cells[c]);
-    double e = 0;
-    for (int part = 0; part < rows.per_cell; ++part, g += rows.stride) {
-      const double d = dot(g, x, rows.stride);
-      e += d * d;
+    double ex = 0, ey = 0;
+    for (int part = 0; part < rows.per_cell; ++part, g += stride) {
+      Lanes dx{}, dy{};
+      for (int j = 0; j < stride; j += width) {
+        const Lanes row = at(g + j);
+        dx += row * at(x + j);
+        dy += row * at(y + j);
+      }
+      const double along_x = sum_of(dx), along_y = sum_of(dy);
+      ex += along_x * along_x;
+      ey += along_y * along_y;
     }
-    energy[c] = e;
+    of_x[c] = ex;
+    of_y[c] = ey;
+  }
+}
+
+[[gnu::always_inline]] inline void triangularize_body(double* A, int count, int k, int stride,
+                                                      double* v, double* w) {
+  for (int p = 0; p < std::min(count - 1, k); ++p) {
+    double below = 0;
+    for (int i = p + 1; i < count; ++i) {
+      v[i] = A[i * stride + p];
+      below += v[i] * v[i];
+    }
+    if (!(below > 0)) continue;
+    const double pivot = A[p * stride + p];
+    const double beta = -std::copysign(std::sqrt(pivot * pivot + below), pivot);
+    const double tau = (beta - pivot) / beta;
+    const double scale = 1 / (pivot - beta);
+    const int from = p - p % width;
+    for (int j = from; j < stride; j += width) at(w + j) = at(A + p * stride + j);
+    for (int i = p + 1; i < count; ++i) {
+      v[i] *= scale;
+      for (int j = from; j < stride; j += width) at(w + j) += v[i] * at(A + i * stride + j);
+    }
+    for (int j = from; j < stride; j += width) at(A + p * stride + j) -= tau * at(w + j);
+    for (int i = p + 1; i < count; ++i) {
+      const double factor = tau * v[i];
+      for (int j = from; j < stride; j += width) at(A + i * stride + j) -= factor * at(w + j);
+    }
+    A[p * stride + p] = beta;
   }
 }
 
@@ -92,10 +124,17 @@ constexpr int width = lane_width;
   for (int sweep = 1; sweep <= limit; ++sweep) {
     bool turned = false;
     for (int p = 0; p < count - 1; ++p) {
+      double* a = columns + static_cast<std::ptrdiff_t>(p) * stride;
       for (int q = p + 1; q < count; ++q) {
-        double* a = columns + static_cast<std::ptrdiff_t>(p) * stride;
         double* b = columns + static_cast<std::ptrdiff_t>(q) * stride;
-        const double aa = dot(a, a, stride), bb = dot(b, b, stride), ab = dot(a, b, stride);
+        Lanes sum_aa{}, sum_bb{}, sum_ab{};
+        for (int j = 0; j < stride; j += width) {
+          const Lanes x = at(a + j), y = at(b + j);
+          sum_aa += x * x;
+          sum_bb += y * y;
+          sum_ab += x * y;
+        }
+        const double aa = sum_of(sum_aa), bb = sum_of(sum_bb), ab = sum_of(sum_ab);
         if (!(std::abs(ab) > small * std::sqrt(aa) * std::sqrt(bb))) continue;
         turned = true;
         const double zeta = (bb - aa) / (2 * ab);
@@ -149,11 +188,23 @@ void add_head_gram(const PackedRows& rows, std::span<const std::int32_t> cells, 
 }
 
 void cell_energies(const PackedRows& rows, std::span<const std::int32_t> cells,
-                   std::span<const double> x, std::span<double> energy, int level) {
-  CHECK(x.size() == static_cast<std::size_t>(rows.stride) && energy.size() == cells.size());
+                   std::span<const double> x, std::span<const double> y, std::span<double> of_x,
+                   std::span<double> of_y, int level) {
+  CHECK(x.size() == static_cast<std::size_t>(rows.stride) && y.size() == x.size());
+  CHECK(of_x.size() == cells.size() && of_y.size() == cells.size());
   on_level(
       level, [&]() __attribute__((always_inline)) {
-        energy_body(rows, cells, x.data(), energy.data());
+        energy_body(rows, cells, x.data(), y.data(), of_x.data(), of_y.data());
+      });
+}
+
+void triangularize(std::span<double> rows, int count, int k, int stride, std::span<double> scratch,
+                   int level) {
+  CHECK(rows.size() == static_cast<std::size_t>(count) * static_cast<std::size_t>(stride));
+  CHECK(scratch.size() >= static_cast<std::size_t>(count + stride));
+  on_level(
+      level, [&]() __attribute__((always_inline)) {
+        triangularize_body(rows.data(), count, k, stride, scratch.data() + stride, scratch.data());
       });
 }
 

@@ -32,10 +32,17 @@ void add_gram(const PackedRows& rows, std::span<const std::int32_t> cells, std::
 void add_head_gram(const PackedRows& rows, std::span<const std::int32_t> cells, int head,
                    std::span<double> A, int level);
 
-/// Σ (g·x)² over the rows of one cell, for each of these cells. x has `stride` numbers, zeros at
-/// the end.
+/// Σ (g·x)² and Σ (g·y)² over the rows of one cell, for each of these cells. x and y have `stride`
+/// numbers, zeros at the end.
 void cell_energies(const PackedRows& rows, std::span<const std::int32_t> cells,
-                   std::span<const double> x, std::span<double> energy, int level);
+                   std::span<const double> x, std::span<const double> y, std::span<double> of_x,
+                   std::span<double> of_y, int level);
+
+/// The upper triangular factor of a matrix of `count` rows of `stride` numbers, k of them its
+/// columns, in place of its first min(count, k) rows, by Householder reflections. What it leaves
+/// below the diagonal is of no meaning. `scratch` has count + stride numbers.
+void triangularize(std::span<double> rows, int count, int k, int stride, std::span<double> scratch,
+                   int level);
 
 /// Turns the columns of a matrix (`count` columns of `stride` numbers, one after another) by plane
 /// rotations until each pair is orthogonal to working precision: one-sided Jacobi [Hestenes 1958].

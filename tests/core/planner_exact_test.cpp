@@ -212,11 +212,18 @@ TEST(PlannerKernels, AgreeOnEveryProcessorLevel) {
   for (int c = 0; c < 300; c += 7) cells.push_back(c);
   std::vector<std::vector<double>> gram, energy;
   const std::vector<double> x(rows.data.begin() + 48, rows.data.begin() + 72);
+  const std::vector<double> y(rows.data.begin() + 96, rows.data.begin() + 120);
+  std::vector<double> energy_of_y(cells.size());
   for (int level = 2; level <= vector_level(); ++level) {
     gram.emplace_back(21 * 24, 0.0);
     add_gram(rows, cells, gram.back(), level);
     energy.emplace_back(cells.size());
-    cell_energies(rows, cells, x, energy.back(), level);
+    cell_energies(rows, cells, x, y, energy.back(), energy_of_y, level);
+    for (std::size_t j = 0; j < cells.size(); ++j) {
+      double along = 0;
+      for (int i = 0; i < 24; ++i) along += rows.of(cells[j])[i] * y[static_cast<std::size_t>(i)];
+      ASSERT_NEAR(energy_of_y[j], along * along, 1e-15);
+    }
   }
   for (std::size_t i = 1; i < gram.size(); ++i) {
     for (std::size_t j = 0; j < gram[i].size(); ++j) ASSERT_NEAR(gram[i][j], gram[0][j], 1e-15);

@@ -7,7 +7,7 @@
 
 namespace lightrig {
 
-/// The arithmetic of posterior traces, compiled for each level of processor as in
+/// The arithmetic of symmetric matrices, compiled for each level of processor as in
 /// planner_kernels.h. Symmetric matrices are their upper triangles, row by row, `stride` numbers
 /// (a multiple of eight, zeros or anything beyond the k-th) to a row.
 
@@ -24,8 +24,16 @@ void transform_rows(const PackedRows& rows, std::span<const std::int32_t> cells,
 void column_energies(const PackedRows& rows, std::span<const std::int32_t> cells, int first,
                      std::span<double> energy, int level);
 
-/// A = RᵀR in place: R is upper triangular. False where A is not positive definite.
+/// A = RᵀR in place: R is upper triangular, zero below the diagonal within its vector of eight.
+/// False where A is not positive definite.
 bool cholesky(std::span<double> A, int k, int stride, int level);
+
+/// A⁻¹x from A's factor R, and Ax from A's upper triangle, in place; x has `stride` numbers, zeros
+/// at the end.
+void solve_with_factor(std::span<const double> R, int k, int stride, std::span<double> x,
+                       int level);
+void multiply(std::span<const double> A, int k, int stride, std::span<const double> x,
+              std::span<double> product, int level);
 
 /// The inverse of Rᵀ, lower triangular, (k × stride) with zeros above the diagonal.
 void invert_factor(std::span<const double> R, int k, int stride, std::span<double> inverse,

@@ -1,4 +1,4 @@
-#include "core/posterior_kernels.h"
+#include "core/symmetric_kernels.h"
 
 #include <algorithm>
 #include <cmath>
@@ -110,6 +110,7 @@ constexpr int rows_together = 4;
       if (!(pivot > 0) || !std::isfinite(pivot)) return false;
       const double scale = 1 / std::sqrt(pivot);
       for (int j = from; j < stride; j += width) lanes_at(row + j) *= scale;
+      for (int c = from; c < i; ++c) row[c] = 0;
     }
     if (end == k) break;
     const double* r0 = A + static_cast<std::ptrdiff_t>(p) * stride;
@@ -128,6 +129,50 @@ constexpr int rows_together = 4;
     }
   }
   return true;
+}
+
+[[gnu::always_inline]] inline void solve_body(const double* R, int k, int stride, double* x) {
+  for (int i = 0; i < k; ++i) {
+    const double* row = R + static_cast<std::ptrdiff_t>(i) * stride;
+    const double z = x[i] / row[i];
+    for (int j = i - i % width; j < stride; j += width) {
+      lanes_at(x + j) -= z * lanes_at(row + j);
+    }
+    x[i] = z;
+  }
+  for (int i = k - 1; i >= 0; --i) {
+    const double* row = R + static_cast<std::ptrdiff_t>(i) * stride;
+    const double own = x[i];
+    x[i] = 0;
+    Lanes sum{};
+    for (int j = i - i % width; j < stride; j += width) {
+      sum += lanes_at(row + j) * lanes_at(x + j);
+    }
+    x[i] = (own - sum_of(sum)) / row[i];
+  }
+}
+
+/// y = Ax, each row of the upper triangle used as a row and as a column.
+[[gnu::always_inline]] inline void multiply_body(const double* A, int k, int stride,
+                                                 const double* x, double* y) {
+  for (int j = 0; j < stride; j += width) lanes_at(y + j) = Lanes{};
+  for (int i = 0; i < k; ++i) {
+    const double* row = A + static_cast<std::ptrdiff_t>(i) * stride;
+    const int next = padded(i + 1);
+    double own = row[i] * x[i];
+    for (int c = i + 1; c < std::min(next, k); ++c) {
+      own += row[c] * x[c];
+      y[c] += row[c] * x[i];
+    }
+    Lanes sum{};
+    for (int j = next; j < stride; j += width) {
+      const Lanes a = lanes_at(row + j);
+      sum += a * lanes_at(x + j);
+      lanes_at(y + j) += x[i] * a;
+    }
+    y[i] += own + sum_of(sum);
+  }
+  for (int i = k; i < stride; ++i) y[i] = 0;
 }
 
 /// Eight rows of X = R⁻ᵀ at a time, by vectors of eight columns: first all that the rows above
@@ -213,6 +258,22 @@ bool cholesky(std::span<double> A, int k, int stride, int level) {
   CHECK(A.size() >= static_cast<std::size_t>(k) * static_cast<std::size_t>(stride));
   return on_level(
       level, [&]() __attribute__((always_inline)) { return cholesky_body(A.data(), k, stride); });
+}
+
+void solve_with_factor(std::span<const double> R, int k, int stride, std::span<double> x,
+                       int level) {
+  CHECK(x.size() == static_cast<std::size_t>(stride));
+  on_level(
+      level, [&]() __attribute__((always_inline)) { solve_body(R.data(), k, stride, x.data()); });
+}
+
+void multiply(std::span<const double> A, int k, int stride, std::span<const double> x,
+              std::span<double> product, int level) {
+  CHECK(x.size() == static_cast<std::size_t>(stride) && product.size() == x.size());
+  on_level(
+      level, [&]() __attribute__((always_inline)) {
+        multiply_body(A.data(), k, stride, x.data(), product.data());
+      });
 }
 
 void invert_factor(std::span<const double> R, int k, int stride, std::span<double> inverse,

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/binning_kernels.h"
+#include "core/candidate_bins.h"
+#include "core/cell_lookup.h"
+#include "core/planner_kernels.h"
+
+namespace lightrig {
+
+/// What binning has in common over all candidates.
+struct BinningSetting {
+  const SurfacePoints& points;
+  std::span<const std::uint8_t> valid;
+  CellLookup lookup;
+  GrazingLimits limits;
+  double max_tangent2;  ///< tan² of limits.max_theta_d
+  const Occluder& occluder;
+  ShadowRays rays;
+  PointColumns in_view;        ///< points within the camera's grazing limit
+  NormalBundles bundles;       ///< of in_view, where the view is the same everywhere; else empty
+  bool one_view = false;       ///< every point is seen from one direction
+  Eigen::Vector3d view;        ///< that direction
+  int level = vector_level();  ///< of the processor
+
+  bool casts_rays() const { return rays != ShadowRays::none && !occluder.convex(); }
+  bool has_statistics(std::int32_t cell) const {
+    return valid.empty() || valid[static_cast<std::size_t>(cell)] != 0;
+  }
+};
+
+/// A lit, camera-facing point and the key of the cell that one light shows there: the cell itself,
+/// or its row where the light shows one column.
+struct LitPoint {
+  std::int32_t point, key;
+};
+
+/// Memory that one worker uses again for every candidate.
+struct BinningScratch {
+  std::vector<LitPoint> lit;
+  std::vector<std::uint8_t> filled;  ///< (keys), all zero between candidates
+  std::vector<std::int32_t> start;   ///< (keys + 1)
+  std::vector<std::int32_t> sorted;  ///< lit points by key
+  std::vector<std::int32_t> open;    ///< keys that still look for an unblocked point
+  std::vector<std::int32_t> next, point;
+  std::vector<Eigen::Vector3d> position, normal;
+  std::vector<std::uint8_t> blocked;
+  std::array<double, 1024> chord2, tangent2;
+
+  std::vector<double> cosine, least, greatest;  ///< (bundles)
+  std::vector<std::int32_t> wanted, skipped;    ///< (rows): points to find yet, to pass over
+  std::vector<std::uint64_t> wanted_rows;       ///< bits of rows with wanted > 0
+  std::vector<std::int32_t> place;              ///< (points of a bundle)
+  std::vector<double> place_chord2;
+};
+
+/// Shadow rays for scratch.point; scratch.blocked tells the outcome.
+void cast_shadow_rays(const BinningSetting& setting, const LightPosition& light,
+                      BinningScratch& scratch, BinningStatistics& statistics);
+
+/// Rounds of one ray per key that has not shown an unblocked point yet, over scratch.lit; keys are
+/// 0 … keys − 1.
+void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& light,
+                         std::size_t keys, BinningScratch& scratch, BinningStatistics& statistics);
+
+/// The rows that a distant light fills where every point is seen from one direction, in
+/// scratch.filled by row. Returns their column.
+int fill_one_column(const BinningSetting& setting, const LightPosition& light,
+                    BinningScratch& scratch, BinningStatistics& statistics);
+
+}  // namespace lightrig
