@@ -38,6 +38,8 @@ class BlockingLane {
   Result<T> run(Job job, Clock& clock, const Until& until) {
     using std::chrono::steady_clock;
     const auto real_deadline = steady_clock::now() + (until.deadline - clock.now());
+    if (until.stop.stop_requested() || clock.now() >= until.deadline)
+      return given_up(until, "was given no time");  // a call without time never begins
     std::unique_lock lock(mutex_);
     if (!woken_.wait_until(lock, until.stop, real_deadline, [&] { return !busy_; }))
       return given_up(until, "is still inside an earlier call that does not return");

@@ -54,6 +54,16 @@ void CameraWireFaults::lose(double share, bool resend, std::uint64_t seed) {
   seed_ = seed;
 }
 
+void CameraWireFaults::number_anew_from_every_start() {
+  const std::lock_guard lock(mutex_);
+  numbers_anew_ = true;
+}
+
+bool CameraWireFaults::numbers_anew() const {
+  const std::lock_guard lock(mutex_);
+  return numbers_anew_;
+}
+
 std::vector<CameraFault> CameraWireFaults::begin_frame() {
   const std::lock_guard lock(mutex_);
   ++frames_;

@@ -46,13 +46,17 @@ class CameraWireFaults {
   void add(const CameraFault& fault);
   /// Strikes at the next frame.
   void add_next(CameraFaultKind kind, double seconds = 2);
-  /// This share of all payload packets is lost from now on, chosen by the seed; `resend`: what is
-  /// asked for again comes.
+  /// This share of all stream packets, those sent again too, is lost from now on, chosen by the
+  /// seed. Without `resend` the camera sends nothing again.
   void lose(double share, bool resend, std::uint64_t seed = 1);
+
+  /// From now on frames are numbered anew from every start of an acquisition, as some models do.
+  void number_anew_from_every_start();
+  bool numbers_anew() const;
 
   /// The camera begins a frame: what strikes it.
   std::vector<CameraFault> begin_frame();
-  /// Whether a packet of the frame now being sent is lost on its way.
+  /// Whether the packet now being sent is lost on its way.
   bool loses_packet();
   bool resends() const;
 
@@ -66,7 +70,7 @@ class CameraWireFaults {
   std::vector<CameraFault> struck_;
   std::uint64_t frames_ = 0, packets_ = 0, packets_lost_ = 0;
   double share_ = 0;
-  bool resend_ = true;
+  bool resend_ = true, numbers_anew_ = false;
   std::uint64_t seed_ = 1;
 };
 

@@ -2,9 +2,12 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <fstream>
+#include <optional>
+#include <utility>
 
 #include "drivers/aravis/gv_error.h"
+#include "drivers/aravis/gv_find.h"
+#include "drivers/aravis/gv_preflight.h"
 #include "drivers/aravis/gv_session.h"
 
 namespace lightrig {
@@ -42,31 +45,49 @@ Result<void> set_text(ArvCamera* camera, const std::string& feature, const std::
   return {};
 }
 
-/// Any GenICam feature of the rig file, by the type of its node.
+/// Whether the camera's words are what was asked for: the same text, or the same number to within
+/// the camera's own steps.
+bool same_value(const std::string& asked, const std::string& said) {
+  if (asked == said) return true;
+  const auto number = [](const std::string& text) -> std::optional<double> {
+    if (text == "true" || text == "True") return 1;
+    if (text == "false" || text == "False") return 0;
+    char* end = nullptr;
+    const double value = g_ascii_strtod(text.c_str(), &end);
+    if (text.empty() || *end != '\0') return std::nullopt;
+    return value;
+  };
+  const auto wanted = number(asked);
+  const auto got = number(said);
+  return wanted && got && std::abs(*wanted - *got) <= 0.01 * std::abs(*wanted) + 1e-9;
+}
+
+/// Any GenICam feature of the rig file, by the type of its node; written, then read back.
 Result<void> set_any(ArvCamera* camera, const std::string& feature, const std::string& value) {
   ArvDevice* device = arv_camera_get_device(camera);
   ArvGcNode* node = arv_device_get_feature(device, feature.c_str());
   if (!node)
     return fail(ErrorCode::not_found,
-                fmt::format("[camera.aravis] features: this camera has no feature {}", feature));
+                fmt::format("[camera.aravis.features] {}: this camera has no such feature; "
+                            "`arv-tool-0.8 features` lists those it has",
+                            feature));
   GError* error = nullptr;
   if (ARV_IS_GC_COMMAND(node)) {
     arv_device_execute_command(device, feature.c_str(), &error);
-  } else {
-    // GenICam nodes convert from text themselves, whatever their type.
-    arv_gc_feature_node_set_value_from_string(ARV_GC_FEATURE_NODE(node), value.c_str(), &error);
+    if (error) return gv_fail(fmt::format("execute {}", feature), error);
+    return {};
   }
+  // GenICam nodes convert from text themselves, whatever their type.
+  arv_gc_feature_node_set_value_from_string(ARV_GC_FEATURE_NODE(node), value.c_str(), &error);
   if (error) return gv_fail(fmt::format("set {} = {}", feature, value), error);
+  const std::string now =
+      text_of(arv_gc_feature_node_get_value_as_string(ARV_GC_FEATURE_NODE(node), &error));
+  if (error) return gv_fail(fmt::format("read {} back", feature), error);
+  if (!same_value(value, now))
+    return fail(
+        ErrorCode::refused,
+        fmt::format("[camera.aravis.features] {} = {}: the camera says {}", feature, value, now));
   return {};
-}
-
-/// The kernel's ceiling on UDP receive buffers; a smaller one silently cuts ours and loses whole
-/// frames.
-std::optional<long> kernel_receive_limit() {
-  std::ifstream in("/proc/sys/net/core/rmem_max");
-  long limit = 0;
-  if (in >> limit) return limit;
-  return std::nullopt;
 }
 
 }  // namespace
@@ -74,8 +95,9 @@ std::optional<long> kernel_receive_limit() {
 Result<std::unique_ptr<GvSession>> GvSession::open(const Rig& rig, const AravisCamera& backend) {
   auto session = std::unique_ptr<GvSession>(new GvSession(rig, backend));
   for (const auto& step :
-       {&GvSession::connect, &GvSession::configure_format, &GvSession::configure_fixed_settings,
-        &GvSession::configure_trigger, &GvSession::open_stream, &GvSession::prove_stream}) {
+       {&GvSession::connect, &GvSession::configure_features, &GvSession::configure_format,
+        &GvSession::configure_fixed_settings, &GvSession::configure_trigger,
+        &GvSession::configure_witnesses, &GvSession::open_stream, &GvSession::prove_stream}) {
     if (auto done = (session.get()->*step)(); !done)
       return tl::unexpected(with_context("camera " + backend.id, done.error()));
   }
@@ -83,16 +105,10 @@ Result<std::unique_ptr<GvSession>> GvSession::open(const Rig& rig, const AravisC
 }
 
 Result<void> GvSession::connect() {
-  GError* error = nullptr;
-  camera_.reset(arv_camera_new(backend_.id.empty() ? nullptr : backend_.id.c_str(), &error));
-  if (!camera_) {
-    auto failure = gv_fail("open", error);
-    failure.value().message +=
-        "; check power, cable and subnet, and `lightrig devices`; by IP address discovery is not "
-        "needed";
-    if (failure.value().code == ErrorCode::refused) failure.value().code = ErrorCode::not_found;
-    return failure;
-  }
+  if (auto allowed = check_receiving(backend_); !allowed) return allowed;
+  auto found = find_camera(backend_);
+  if (!found) return tl::unexpected(found.error());
+  camera_ = std::move(*found);
   ArvDevice* device = arv_camera_get_device(camera_.get());
   if (!ARV_IS_GV_DEVICE(device))
     return fail(ErrorCode::invalid_input, "it is not a GigE Vision camera");
@@ -112,6 +128,13 @@ Result<void> GvSession::connect() {
   return {};
 }
 
+// The rig file's own features come first: what the session needs is set after them and wins.
+Result<void> GvSession::configure_features() {
+  for (const auto& [feature, value] : backend_.features)
+    if (auto set = set_any(camera_.get(), feature, value); !set) return set;
+  return {};
+}
+
 Result<void> GvSession::configure_format() {
   const CameraConfig& config = rig_.camera;
   format_ = backend_.pixel_format.empty()
@@ -121,6 +144,13 @@ Result<void> GvSession::configure_format() {
     return fail(ErrorCode::invalid_input,
                 fmt::format("pixel format \"{}\" for {} bits is not one that lightrig decodes",
                             backend_.pixel_format, config.sensor.bits));
+  if (format_->bits != config.sensor.bits || format_->filter != config.sensor.filter)
+    return fail(ErrorCode::invalid_input,
+                fmt::format("pixel format {} has {} bits{}, but [camera.sensor] describes a sensor "
+                            "of {} bits with another scale or filter: make them agree",
+                            format_->name, format_->bits,
+                            format_->filter == config.sensor.filter ? "" : " and its own filter",
+                            config.sensor.bits));
   GError* error = nullptr;
   arv_camera_set_pixel_format_from_string(camera_.get(), format_->name.c_str(), &error);
   if (error) return gv_fail(fmt::format("set the pixel format {}", format_->name), error);
@@ -155,8 +185,6 @@ Result<void> GvSession::configure_fixed_settings() {
     arv_camera_set_boolean(camera_.get(), "GammaEnable", FALSE, nullptr);
   if (has_entry(camera_.get(), "ExposureMode", "Timed"))
     if (auto set = set_text(camera_.get(), "ExposureMode", "Timed"); !set) return set;
-  for (const auto& [feature, value] : backend_.features)
-    if (auto set = set_any(camera_.get(), feature, value); !set) return set;
   GError* error = nullptr;
   if (!arv_camera_is_exposure_time_available(camera_.get(), &error) || error) {
     g_clear_error(&error);
@@ -168,9 +196,11 @@ Result<void> GvSession::configure_fixed_settings() {
   if (error) return gv_fail("read the exposure limits", error);
   const SensorModel& sensor = rig_.camera.sensor;
   if (sensor.min_exposure < least * 1e-6 * 0.999 || sensor.max_exposure > most * 1e-6 * 1.001)
-    return fail(ErrorCode::invalid_input,
-                fmt::format("the rig file offers exposures of {} … {} s, the camera {} … {} s",
-                            sensor.min_exposure, sensor.max_exposure, least * 1e-6, most * 1e-6));
+    return fail(
+        ErrorCode::invalid_input,
+        fmt::format(
+            "the rig file offers exposures of {:.6g} … {:.6g} s, the camera {:.6g} … {:.6g} s",
+            sensor.min_exposure, sensor.max_exposure, least * 1e-6, most * 1e-6));
   return {};
 }
 
@@ -202,47 +232,79 @@ Result<void> GvSession::configure_trigger() {
   return {};
 }
 
-Result<void> GvSession::open_stream() {
+// What a frame can be held against besides its settings read back: the exposure that the camera
+// itself writes behind the picture, and the camera's clock at the trigger. A model without them has
+// its settings and its frame numbers.
+Result<void> GvSession::configure_witnesses() {
   GError* error = nullptr;
+  const bool left_alone = backend_.features.contains("ChunkModeActive");
+  if (!left_alone && arv_camera_are_chunks_available(camera_.get(), nullptr) &&
+      has_entry(camera_.get(), "ChunkSelector", "ExposureTime")) {
+    arv_camera_set_chunks(camera_.get(), "ExposureTime", &error);
+    if (!error) chunks_.reset(arv_camera_create_chunk_parser(camera_.get()));
+    g_clear_error(&error);
+  }
+  for (const auto& [command, value] : {std::pair{"TimestampLatch", "TimestampLatchValue"},
+                                       std::pair{"GevTimestampControlLatch", "GevTimestampValue"}})
+    if (latch_command_.empty() && has_feature(camera_.get(), command) &&
+        has_feature(camera_.get(), value)) {
+      latch_command_ = command;
+      latch_value_ = value;
+    }
+  return {};
+}
+
+Result<void> GvSession::open_stream() {
   if (!backend_.packet_socket)
     arv_camera_gv_set_stream_options(camera_.get(), ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
-  if (backend_.packet_size > 0)
-    arv_camera_gv_set_packet_size(camera_.get(), backend_.packet_size, &error);
-  else
-    arv_camera_gv_auto_packet_size(camera_.get(), &error);
-  if (error) return gv_fail("negotiate the packet size", error);
-  const auto limit = kernel_receive_limit();
-  if (!backend_.packet_socket && limit && *limit < backend_.socket_buffer_bytes)
-    return fail(
-        ErrorCode::refused,
-        fmt::format("the kernel allows UDP receive buffers of {} bytes, the rig file asks "
-                    "for {}: frames would be lost; run `sysctl -w net.core.rmem_max={}`, or "
-                    "set packet_socket = true and give lightrigd CAP_NET_RAW",
-                    *limit, backend_.socket_buffer_bytes, backend_.socket_buffer_bytes));
-  stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, &error));
-  if (!stream_) return gv_fail("open the stream", error);
-  g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
-               "socket-buffer-size", backend_.socket_buffer_bytes, "packet-resend",
-               ARV_GV_STREAM_PACKET_RESEND_ALWAYS, nullptr);
-  const guint payload = arv_camera_get_payload(camera_.get(), &error);
-  if (error) return gv_fail("read the payload size", error);
-  for (int i = 0; i < 4; ++i)
-    arv_stream_push_buffer(stream_.get(), arv_buffer_new(payload, nullptr));
+  if (auto chosen = choose_packet_size(camera_.get(), backend_); !chosen) return chosen;
+  if (auto created = create_stream(); !created) return created;
   if (software_trigger_) {
+    GError* error = nullptr;
     arv_camera_start_acquisition(camera_.get(), &error);
     if (error) return gv_fail("start the acquisition", error);
   }
   return {};
 }
 
-// One throw-away frame says now, not in the middle of a night, that frames arrive. It also makes
+Result<void> GvSession::create_stream() {
+  GError* error = nullptr;
+  const CameraCounters so_far = counters();
+  stream_.reset();
+  resent_before_ = static_cast<std::int64_t>(so_far.packets_resent);
+  lost_before_ = static_cast<std::int64_t>(so_far.packets_lost);
+  stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, &error));
+  if (!stream_) return gv_fail("open the stream", error);
+  // Every packet that is missing is asked for again, however many there are.
+  g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
+               "socket-buffer-size", backend_.socket_buffer_bytes, "packet-resend",
+               ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-request-ratio", 1.0, nullptr);
+  const guint payload = arv_camera_get_payload(camera_.get(), &error);
+  if (error) return gv_fail("read the payload size", error);
+  for (int i = 0; i < 4; ++i)
+    arv_stream_push_buffer(stream_.get(), arv_buffer_new(payload, nullptr));
+  return {};
+}
+
+// Throw-away frames say now, not in the middle of a night, that frames arrive. The first also makes
 // Aravis enlarge the socket buffer, which it does only when the first leader comes: that frame
-// alone may lose packets.
+// alone may lose packets. Two are taken, because a camera may count its frames anew from every
+// start: Aravis takes the second for a late copy of the first, unless the stream is new as well.
 Result<void> GvSession::prove_stream() {
-  Result<Frame> frame = fail(ErrorCode::timed_out, "not tried");
-  for (int attempt = 0; attempt < 3 && !frame; ++attempt)
-    frame = expose(rig_.camera.sensor.min_exposure, {});
-  if (!frame) return tl::unexpected(with_context("three test frames failed", frame.error()));
+  check_latch_ = !latch_command_.empty();
+  for (int proved = 0; proved < 2; ++proved) {
+    Result<Frame> frame = fail(ErrorCode::timed_out, "not tried");
+    for (int attempt = 0; attempt < 3 && !frame; ++attempt) {
+      frame = expose(rig_.camera.sensor.min_exposure, {});
+      if (!frame && frame.error().code == ErrorCode::disconnected) break;
+      if (!frame && proved == 1 && nothing_came_) stream_for_each_start_ = !software_trigger_;
+    }
+    if (!frame) return tl::unexpected(with_context("three test frames failed", frame.error()));
+  }
+  check_latch_ = false;
+  const CameraCounters proof = counters();
+  resent_before_ -= static_cast<std::int64_t>(proof.packets_resent);
+  lost_before_ -= static_cast<std::int64_t>(proof.packets_lost);
   counters_ = {};
   return {};
 }

@@ -150,7 +150,7 @@ std::optional<Packet> GvCamera::answer(const gvcp::Command& command, const Peer&
           faults_->resends())
         stream_->resend(static_cast<std::uint16_t>(word_at(command.data, 0)),
                         word_at(command.data, 4) & 0xffffff, word_at(command.data, 8) & 0xffffff,
-                        target());
+                        target(), *faults_);
       return std::nullopt;
     case gvcp::read_register:
       return answer_read_registers(command);
@@ -253,6 +253,7 @@ void GvCamera::drop_dead_controller() {
 void GvCamera::act_on(std::uint32_t address, std::uint32_t value) {
   switch (address) {
     case reg_acquisition_start:
+      if (faults_->numbers_anew()) stream_->restart();
       return acquisition_->start();
     case reg_acquisition_stop:
       return acquisition_->stop();

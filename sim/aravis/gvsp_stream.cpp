@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <optional>
 #include <thread>
 
 namespace lightrig::sim {
@@ -144,18 +145,20 @@ void GvspStream::send(WireFrame frame, const StreamTarget& target,
   if (target.port == 0) return;
   const Sent sent = remember(std::move(frame), target, struck);
   Pace pace(link_rate_, target.packet_delay);
-  if (!sent.withheld.contains(0)) send_packet(sent, 0, 0, target);
+  const auto arrives = [&](std::uint32_t packet) {
+    return !sent.withheld.contains(packet) && !faults.loses_packet();
+  };
+  if (arrives(0)) send_packet(sent, 0, 0, target);
   for (const std::uint32_t packet : sending_order(sent.payloads, struck)) {
     if (stop.stop_requested()) return;
-    if (!sent.withheld.contains(packet) && !faults.loses_packet())
-      send_packet(sent, packet, 0, target);
+    if (arrives(packet)) send_packet(sent, packet, 0, target);
     pace.sent(target.packet_size);
   }
-  if (!sent.withheld.contains(sent.payloads + 1)) send_packet(sent, sent.payloads + 1, 0, target);
+  if (arrives(sent.payloads + 1)) send_packet(sent, sent.payloads + 1, 0, target);
 }
 
 void GvspStream::resend(std::uint16_t block, std::uint32_t first, std::uint32_t last,
-                        const StreamTarget& target) {
+                        const StreamTarget& target, CameraWireFaults& faults) {
   if (target.port == 0) return;
   std::optional<Sent> known;
   {
@@ -167,7 +170,7 @@ void GvspStream::resend(std::uint16_t block, std::uint32_t first, std::uint32_t 
   for (std::uint32_t packet = first; packet <= std::min(last, known->payloads + 1); ++packet) {
     if (known->gone.contains(packet))
       transmit(gvsp::payload_header(block, packet, gvsp::unavailable), {}, target);
-    else
+    else if (!faults.loses_packet())
       send_packet(*known, packet, gvsp::resent, target);
   }
 }

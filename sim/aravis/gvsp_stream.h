@@ -48,7 +48,7 @@ class GvspStream {
   /// Packets first … last of a block once more; those that cannot be had are said to be
   /// unavailable.
   void resend(std::uint16_t block, std::uint32_t first, std::uint32_t last,
-              const StreamTarget& target);
+              const StreamTarget& target, CameraWireFaults& faults);
   /// A packet of exactly the size set, for the client to find the largest that arrives.
   void send_test_packet(const StreamTarget& target);
   /// Block numbers begin anew, nothing is kept.

@@ -121,7 +121,7 @@ TEST_F(GvCamera, IsFoundByItsSerialNumber) {
   backend().id = "lightrig-Simulated-LAB7";
   auto hosted = sim::host_wire(rig_, backend(), world_, faults_);
   ASSERT_TRUE(hosted) << hosted.error().message;
-  for (const char* id : {"lightrig-Simulated-LAB7"}) {
+  for (const char* id : {"lightrig-Simulated-LAB7", "LAB7"}) {
     auto by = backend();
     by.id = id;
     const auto camera = open_camera(rig_, by, clock_);
