@@ -118,11 +118,12 @@ void add_simple_service_verbs(Verbs& verbs) {
   simple("clear", "Put a fault, an abort or a result aside");
   simple("home", "Home the gantry");
 
-  for (const char* name : {"pause", "resume", "stop"}) {
+  for (const char* name : {"pause", "resume", "stop", "halt"}) {
     auto options = std::make_shared<ServiceOptions>();
     auto id = std::make_shared<std::string>();
     const char* summary = name[0] == 'p'   ? "Pause after the exposure in progress"
                           : name[0] == 'r' ? "Go on with a session, also after a restart"
+                          : name[0] == 'h' ? "End a session at once, lamp dark, to be resumed"
                                            : "End a session after this shot, then reduce";
     CLI::App* verb = with_service(
         verbs.add(name, summary, [options, id, name] { return steer(*options, name, *id); }),
@@ -180,12 +181,27 @@ void add_service_verbs(Verbs& verbs) {
                       *unlocker);
   verb->add_flag("--force", *force, "Take it from whoever holds it");
 
-  auto snapper = std::make_shared<ServiceOptions>();
-  auto picture = std::make_shared<std::string>("snap.png");
-  verb = with_service(verbs.add("snap", "Save the last frame as PNG",
-                                [snapper, picture] { return snap(*snapper, *picture); }),
-                      *snapper);
-  verb->add_option("-o,--output", *picture, "File to write")->capture_default_str();
+  auto snapper = std::make_shared<SnapOptions>();
+  verb = with_service(verbs.add("snap", "Save the last frame as PNG, or take one", snapper, &snap),
+                      snapper->service);
+  verb->add_option("-o,--output", snapper->output, "File to write")->capture_default_str();
+  verb->add_option("--exposure", snapper->exposure, "Take a frame of so many seconds")
+      ->check(CLI::PositiveNumber);
+  verb->add_flag("--lamp", snapper->lamp, "Light the lamp for it")->needs("--exposure");
+
+  auto proving = std::make_shared<CommissionOptions>();
+  verb = with_service(
+      verbs.add("commission", "Prove a rig step by step, and record it", proving, &commission),
+      proving->service);
+  verb->add_option("-o,--output", proving->output, "Record to write");
+  verb->add_flag("--yes", proving->yes, "Ask nobody: prove what needs no eyes");
+
+  auto bundling = std::make_shared<BundleOptions>();
+  verb = with_service(
+      verbs.add("bundle", "Collect what a post-mortem needs into one file", bundling, &bundle),
+      bundling->service);
+  verb->add_option("-o,--output", bundling->output, ".tar.gz to write");
+  verb->add_option("--session", bundling->session, "Session folder; else the one in hand");
 
   auto logger = std::make_shared<ServiceOptions>();
   auto level = std::make_shared<std::string>();
@@ -222,9 +238,11 @@ void add_session_verbs(Verbs& verbs) {
 
   auto again = std::make_shared<std::string>();
   auto shot = std::make_shared<std::string>();
-  verb = verbs.add("retake", "Open a captured shot again; its frames are kept",
-                   [again, shot] { return retake(*again, *shot); });
-  verb->add_option("session", *again, "Session folder")->required();
+  auto retaker = std::make_shared<ServiceOptions>();
+  verb = with_service(verbs.add("retake", "Open a captured shot again; its frames are kept",
+                                [retaker, again, shot] { return retake(*retaker, *again, *shot); }),
+                      *retaker);
+  verb->add_option("session", *again, "Session folder, or its id at the service")->required();
   verb->add_option("shot", *shot, "Name of the shot, e.g. L03")->required();
 
   auto compare_options = std::make_shared<CompareOptions>();

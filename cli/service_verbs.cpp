@@ -1,9 +1,10 @@
 // The verbs that talk to the service of one rig.
 #include <fmt/format.h>
 
+#include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <numbers>
+#include <thread>
 
 #include "cli/json_fields.h"
 #include "cli/say.h"
@@ -81,6 +82,53 @@ int finish(const Result<Json>& reply, bool json, const std::string& done) {
   return 0;
 }
 
+/// What was asked for, how it is told that it has come, and how long that may take.
+struct Ordered {
+  const char* what;
+  bool (*is_so)(const Json& status);
+  std::chrono::seconds within;
+  const char* done;
+};
+bool at_rest(const Json& status) { return !status.value("busy", true); }
+const Ordered pausing{"pause",
+                      [](const Json& s) { return text(s, "state") == "paused" || at_rest(s); },
+                      std::chrono::seconds{60}, "{}: the lamp is dark; lightrig resume goes on"};
+const Ordered halting{"halt", &at_rest, std::chrono::seconds{30},
+                      "{}: lamp dark; lightrig resume goes on"};
+const Ordered resuming{"resume",
+                       [](const Json& s) {
+                         return text(s, "state") == "capturing" || text(s, "state") == "reducing" ||
+                                at_rest(s);
+                       },
+                       std::chrono::seconds{60}, "{}; lightrig watch follows it"};
+const Ordered aborting{"abort",
+                       [](const Json& s) { return at_rest(s) && part(s, "devices").is_null(); },
+                       std::chrono::seconds{30}, "{}"};
+
+/// The state once it is so. Errors: timed_out with the state it is in instead; refused when the
+/// session did not take it up.
+Result<std::string> wait_until(const ServiceClient& client, const Ordered& ordered) {
+  const auto end = std::chrono::steady_clock::now() + ordered.within;
+  while (true) {
+    const auto status = client.get_json("/v1/status");
+    if (!status) return tl::unexpected(status.error());
+    const Json& session = part(*status, "session");
+    if (ordered.is_so(*status)) {
+      if (text(session, "state") == "refused")
+        return fail(ErrorCode::refused, text(session, "reason"));
+      return text(*status, "state");
+    }
+    if (std::chrono::steady_clock::now() > end)
+      return fail(
+          ErrorCode::timed_out,
+          fmt::format(
+              "{}: not so after {} s; the service is {} ({}). lightrig abort stops everything",
+              ordered.what, ordered.within.count(), text(*status, "state"),
+              text(session, "activity")));
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+}
+
 // Sends a command and waits until the rig has carried it out.
 int carry_out(const ServiceOptions& options, const std::string& path, const Json& body) {
   const ServiceClient client(options);
@@ -129,17 +177,34 @@ int steer(const ServiceOptions& options, const std::string& verb, const std::str
   const ServiceClient client(options);
   const auto session = session_or_current(client, id);
   if (!session) return complain(session.error());
-  return finish(client.post("/v1/sessions/" + *session + "/" + verb, Json::object()), options.json,
-                verb == "pause"  ? "pausing after the exposure in progress"
-                : verb == "stop" ? "ending after this shot, then reducing"
-                                 : "going on");
+  const auto reply = client.post("/v1/sessions/" + *session + "/" + verb, Json::object());
+  if (!reply || verb == "stop")
+    return finish(reply, options.json,
+                  "ending after this shot, then reducing; lightrig watch follows it");
+  const Ordered& ordered = verb == "pause" ? pausing : verb == "halt" ? halting : resuming;
+  const auto end = wait_until(client, ordered);
+  if (!end) return complain(end.error());
+  say(options.json ? Json{{"ok", true}, {"state", *end}}.dump()
+                   : fmt::format(fmt::runtime(ordered.done), *end));
+  return 0;
 }
 
 int abort(const ServiceOptions& options, const std::string& reason) {
   Json body = Json::object();
   if (!reason.empty()) body["reason"] = reason;
-  return finish(ServiceClient(options).post("/v1/abort", body), options.json,
-                "aborted: motion stopped, lamp dark, rig unarmed. This is no emergency stop");
+  const ServiceClient client(options);
+  const auto reply = client.post("/v1/abort", body);
+  if (!reply) return complain(reply.error());
+  // The answer says that every call was told to stop; what became of it is seen and not assumed.
+  const auto end = wait_until(client, aborting);
+  if (!end) return complain(end.error());
+  const auto status = client.get_json("/v1/status");
+  if (!status || status->value("lamp_may_be_on", true))
+    return complain("aborted, but LAMP MAY BE ON: look, and switch it off by hand");
+  say(options.json
+          ? reply->dump()
+          : "aborted: motion stopped, lamp dark, rig " + *end + ". This is no emergency stop");
+  return 0;
 }
 
 int lock(const ServiceOptions& options, const std::string& note) {
@@ -166,11 +231,20 @@ int sessions(const ServiceOptions& options) {
   return 0;
 }
 
-int snap(const ServiceOptions& options, const std::string& output) {
-  const auto png = ServiceClient(options).get("/v1/preview");
+int snap(const SnapOptions& options) {
+  const ServiceClient client(options.service);
+  if (options.exposure > 0) {
+    const auto reply =
+        client.post("/v1/snap", {{"exposure_s", options.exposure}, {"lamp", options.lamp}});
+    if (!reply) return complain(reply.error());
+    if (auto end = client.wait_for(reply->value("command", std::uint64_t{0})); !end)
+      return complain(end.error());
+  }
+  const auto png = client.get("/v1/preview");
   if (!png) return complain(png.error());
-  if (auto written = write_durably(output, *png); !written) return complain(written.error());
-  say("last frame written to " + output);
+  if (auto written = write_durably(options.output, *png); !written)
+    return complain(written.error());
+  say((options.exposure > 0 ? "frame written to " : "last frame written to ") + options.output);
   return 0;
 }
 

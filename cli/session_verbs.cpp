@@ -6,6 +6,7 @@
 
 #include "cli/json_fields.h"
 #include "cli/say.h"
+#include "cli/service_client.h"
 #include "cli/verbs.h"
 #include "daemon/session/compare.h"
 #include "daemon/session/durable_file.h"
@@ -163,9 +164,19 @@ int verify(const ReduceOptions& options) {
   return report->sound ? 0 : 1;
 }
 
-int retake(const std::string& session, const std::string& shot) {
-  if (auto done = retake_shot(SessionFolder{session}, shot); !done)
+int retake(const ServiceOptions& options, const std::string& session, const std::string& shot) {
+  std::error_code error;
+  if (!std::filesystem::exists(SessionFolder{session}.journal(), error)) {
+    const auto done =
+        ServiceClient(options).post("/v1/sessions/" + session + "/retake", {{"shot", shot}});
+    if (!done)
+      return complain(with_context(
+          fmt::format("retake {}: there is no session folder {} here, and of the service", shot,
+                      session),
+          done.error()));
+  } else if (auto done = retake_shot(SessionFolder{session}, shot); !done) {
     return complain(with_context("retake " + shot, done.error()));
+  }
   say(fmt::format(
       "{} is open again; its frames are kept in rejected/. lightrig resume takes it anew", shot));
   return 0;

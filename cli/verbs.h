@@ -61,14 +61,35 @@ struct JogOptions {
 };
 int jog(const JogOptions& options);
 
-/// pause, resume, stop; an empty id means the session in hand.
+/// pause, resume, stop, halt; an empty id means the session in hand. Waits until it is so and says
+/// so; 1 where it is not so in time.
 int steer(const ServiceOptions& options, const std::string& verb, const std::string& id);
 int abort(const ServiceOptions& options, const std::string& reason);
 int lock(const ServiceOptions& options, const std::string& note);
 int unlock(const ServiceOptions& options, bool force);
 int sessions(const ServiceOptions& options);
-int snap(const ServiceOptions& options, const std::string& output);
+struct SnapOptions {
+  ServiceOptions service;
+  std::string output = "snap.png";
+  double exposure = 0;  ///< [s] 0: the last frame that was taken
+  bool lamp = false;
+};
+int snap(const SnapOptions& options);
 int log_level(const ServiceOptions& options, const std::string& level);
+
+struct CommissionOptions {
+  ServiceOptions service;
+  std::string output;  ///< of the record; "" for a name with the time, here
+  bool yes = false;    ///< ask nobody
+};
+int commission(const CommissionOptions& options);
+
+struct BundleOptions {
+  ServiceOptions service;
+  std::string session, output;
+};
+/// What a post-mortem needs in one .tar.gz, whether or not the service answers.
+int bundle(const BundleOptions& options);
 
 struct ReduceOptions {
   std::string session, output;
@@ -78,7 +99,8 @@ struct ReduceOptions {
 int reduce(const ReduceOptions& options);
 int verify(const ReduceOptions& options);
 int result(const std::string& session, bool json);
-int retake(const std::string& session, const std::string& shot);
+/// `session` is a folder here, or an id that the service knows.
+int retake(const ServiceOptions& options, const std::string& session, const std::string& shot);
 
 struct CompareOptions {
   std::string a, b, picture;

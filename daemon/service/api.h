@@ -62,6 +62,9 @@ class Api {
   HttpAnswer clear(const HttpRequest&, const std::string&);
   HttpAnswer home(const HttpRequest&, const std::string&);
   HttpAnswer jog(const HttpRequest&, const std::string&);
+  HttpAnswer lamp(const HttpRequest&, const std::string&);
+  HttpAnswer snap(const HttpRequest&, const std::string&);
+  HttpAnswer rig(const HttpRequest&, const std::string&);
   HttpAnswer abort(const HttpRequest&, const std::string&);
   HttpAnswer lock(const HttpRequest&, const std::string&);
   HttpAnswer unlock(const HttpRequest&, const std::string&);
@@ -73,9 +76,12 @@ class Api {
   HttpAnswer pause(const HttpRequest&, const std::string&);
   HttpAnswer resume(const HttpRequest&, const std::string&);
   HttpAnswer stop(const HttpRequest&, const std::string&);
+  HttpAnswer halt(const HttpRequest&, const std::string&);
+  HttpAnswer retake(const HttpRequest&, const std::string&);
   HttpAnswer abort_session(const HttpRequest&, const std::string&);
   HttpAnswer events(const HttpRequest&, const std::string&);
   HttpAnswer preview(const HttpRequest&, const std::string&);
+  HttpAnswer recent_log(const HttpRequest&, const std::string&);
   HttpAnswer log_level(const HttpRequest&, const std::string&);
   HttpAnswer metrics(const HttpRequest&, const std::string&);
   HttpAnswer openapi(const HttpRequest&, const std::string&);

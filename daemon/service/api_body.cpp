@@ -90,6 +90,27 @@ Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes)
   return JogBody{axis->name, (*json)[given->name].get<double>() * scale, given->relative};
 }
 
+Result<double> lamp_body(const std::string& body) {
+  auto json = known_object(body, {"power"});
+  if (!json) return tl::unexpected(with_context("lamp", json.error()));
+  const auto power = json->find("power");
+  if (power == json->end() || !power->is_number() || !(power->get<double>() >= 0) ||
+      !(power->get<double>() <= 1))
+    return fail(ErrorCode::invalid_input, "lamp: \"power\" must be a number from 0 to 1");
+  return power->get<double>();
+}
+
+Result<SnapBody> snap_body(const std::string& body, double least, double most) {
+  auto json = known_object(body, {"exposure_s", "lamp"});
+  if (!json) return tl::unexpected(with_context("snap", json.error()));
+  const auto exposure = json->find("exposure_s");
+  if (exposure == json->end() || !exposure->is_number() || !(exposure->get<double>() >= least) ||
+      !(exposure->get<double>() <= most))
+    return fail(ErrorCode::invalid_input,
+                fmt::format("snap: \"exposure_s\" must be a number from {} to {}", least, most));
+  return SnapBody{exposure->get<double>(), flag_member(body, "lamp")};
+}
+
 Result<StartBody> start_body(const std::string& body) {
   auto json = known_object(body, {"session_path", "session_toml", "plan", "key"});
   if (!json) return tl::unexpected(with_context("start", json.error()));

@@ -59,6 +59,25 @@ std::span<const Route> Api::routes() {
         {"to_mm", "number", false, "linear axis: move to this position"}},
        &Api::jog},
       {"POST",
+       "/v1/lamp",
+       "Set the lamp of an armed rig; it goes dark by itself after max_on_time_s",
+       mutation,
+       {{"power", "number", true, "0 to 1, at most the rig's max_power"}},
+       &Api::lamp},
+      {"POST",
+       "/v1/snap",
+       "Take one frame for the preview, where the gantry stands",
+       mutation,
+       {{"exposure_s", "number", true, "seconds, within the sensor's range"},
+        {"lamp", "boolean", false, "with the lamp lit and warm; dark afterwards"}},
+       &Api::snap},
+      {"GET",
+       "/v1/rig",
+       "The rig file, and what it lets the axes and the lamp do",
+       read,
+       {},
+       &Api::rig},
+      {"POST",
        "/v1/abort",
        "Stop whatever moves, lamp dark; always allowed",
        unlocked,
@@ -118,6 +137,18 @@ std::span<const Route> Api::routes() {
        mutation,
        {},
        &Api::stop},
+      {"POST",
+       "/v1/sessions/{id}/halt",
+       "End at once, lamp dark; paused, to be resumed",
+       mutation,
+       {},
+       &Api::halt},
+      {"POST",
+       "/v1/sessions/{id}/retake",
+       "Open a captured shot again; resuming takes it anew",
+       mutation,
+       {{"shot", "string", true, "name of the shot, as L03"}},
+       &Api::retake},
       {"POST", "/v1/sessions/{id}/abort", "Same as /v1/abort", unlocked, {}, &Api::abort_session},
       {"GET",
        "/v1/events",
@@ -126,6 +157,7 @@ std::span<const Route> Api::routes() {
        {},
        &Api::events},
       {"GET", "/v1/preview", "The last frame as PNG", read, {}, &Api::preview},
+      {"GET", "/v1/log", "The last lines of the log", read, {}, &Api::recent_log},
       {"POST",
        "/v1/log",
        "Set the log level",
@@ -163,6 +195,44 @@ HttpAnswer Api::jog(const HttpRequest& request, const std::string&) {
   const auto jog = jog_body(request.body, service_.rig().gantry.model.axes);
   if (!jog) return error_reply(jog.error());
   return accepted(service_.jog(caller_of(request), jog->axis, jog->value, jog->relative));
+}
+
+HttpAnswer Api::lamp(const HttpRequest& request, const std::string&) {
+  const auto power = lamp_body(request.body);
+  if (!power) return error_reply(power.error());
+  return accepted(service_.lamp(caller_of(request), *power));
+}
+
+HttpAnswer Api::snap(const HttpRequest& request, const std::string&) {
+  const SensorModel& sensor = service_.rig().camera.sensor;
+  const auto snap = snap_body(request.body, sensor.min_exposure, sensor.max_exposure);
+  if (!snap) return error_reply(snap.error());
+  return accepted(service_.snap(caller_of(request), snap->exposure, snap->lit));
+}
+
+HttpAnswer Api::rig(const HttpRequest&, const std::string&) {
+  const Rig& rig = service_.rig();
+  Json axes = Json::array();
+  for (const Axis& axis : rig.gantry.model.axes) {
+    const double unit = axis.rotary ? 180 / std::numbers::pi : 1e3;
+    axes.push_back({{"name", axis.name},
+                    {"unit", axis.rotary ? "deg" : "mm"},
+                    {"min", axis.min * unit},
+                    {"max", axis.max * unit},
+                    {"home", axis.home * unit}});
+  }
+  Json interlocks = Json::array();
+  for (const Interlock& interlock : rig.interlocks) interlocks.push_back(interlock.name);
+  return json_reply(
+      200, {{"name", rig.name},
+            {"file", rig.path.string()},
+            {"text", rig.text},
+            {"axes", std::move(axes)},
+            {"lamp",
+             {{"power", rig.lamp.power},
+              {"max_power", rig.lamp.max_power},
+              {"max_on_time_s", std::chrono::duration<double>(rig.lamp.max_on_time).count()}}},
+            {"interlocks", std::move(interlocks)}});
 }
 
 HttpAnswer Api::abort(const HttpRequest& request, const std::string&) {
@@ -209,6 +279,10 @@ HttpAnswer Api::stop(const HttpRequest& request, const std::string& id) {
   return steer(request, id, SessionVerb::stop);
 }
 
+HttpAnswer Api::halt(const HttpRequest& request, const std::string& id) {
+  return steer(request, id, SessionVerb::halt);
+}
+
 HttpAnswer Api::events(const HttpRequest& request, const std::string&) {
   HttpEvents events;
   const auto session = request.query.find("session");
@@ -229,6 +303,10 @@ HttpAnswer Api::preview(const HttpRequest&, const std::string&) {
     if (!png) return error_reply(png.error());
     return {200, std::move(*png), "image/png", {}};
   }};
+}
+
+HttpAnswer Api::recent_log(const HttpRequest&, const std::string&) {
+  return HttpReply{200, log_.recent(), "text/plain; charset=utf-8", {}};
 }
 
 HttpAnswer Api::log_level(const HttpRequest& request, const std::string&) {

@@ -130,20 +130,35 @@ HttpAnswer Api::session(const HttpRequest&, const std::string& id) {
     if (!folder) return error_reply(folder.error());
     const auto record = read_session_folder(*folder);
     if (!record) return error_reply(record.error());
+    std::error_code error;
     Json shots = Json::array();
     for (const CapturedShot& shot : record->shots)
       shots.push_back({{"name", shot.name},
                        {"held_out", shot.held_out},
                        {"frames", shot.frames.size()},
                        {"elapsed_s", shot.elapsed_s}});
-    return json_reply(200, {{"id", id},
-                            {"folder", folder->string()},
-                            {"state", record->state},
-                            {"sample_id", record->spec.sample_id},
-                            {"operator", record->spec.operator_name},
-                            {"shots_planned", record->plan.shots.size()},
-                            {"shots", std::move(shots)},
-                            {"journal_events", record->events.size()}});
+    return json_reply(200,
+                      {{"id", id},
+                       {"folder", folder->string()},
+                       {"state", record->state},
+                       {"sealed", record->sealed && fs::exists(record->folder.manifest(), error)},
+                       {"sample_id", record->spec.sample_id},
+                       {"operator", record->spec.operator_name},
+                       {"shots_planned", record->plan.shots.size()},
+                       {"shots", std::move(shots)},
+                       {"journal_events", record->events.size()}});
+  }};
+}
+
+HttpAnswer Api::retake(const HttpRequest& request, const std::string& id) {
+  const auto shot = text_member(request.body, "shot");
+  if (!shot) return error_reply(422, "invalid_input", "\"shot\" must name a shot, as in L03");
+  return HttpLater{[this, id, shot = *shot, caller = caller_of(request)]() -> HttpReply {
+    const auto folder = session_folder_of(service_.rig().session_root, id);
+    if (!folder) return error_reply(folder.error());
+    if (auto done = retake_shot({*folder}, shot); !done) return error_reply(done.error());
+    log_.info("retake", {{"session", id}, {"shot", shot}, {"by", caller.name}});
+    return json_reply(200, {{"ok", true}});
   }};
 }
 

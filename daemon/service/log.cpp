@@ -1,5 +1,6 @@
 #include "daemon/service/log.h"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <spdlog/logger.h>
 #include <spdlog/sinks/null_sink.h>
@@ -10,12 +11,15 @@
 #include <unistd.h>
 
 #include <cctype>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <vector>
 
 namespace lightrig {
 namespace {
+
+constexpr std::size_t lines_kept = 2000;
 
 spdlog::level::level_enum to_spdlog(LogLevel level) {
   switch (level) {
@@ -147,10 +151,22 @@ Log::~Log() = default;
 void Log::write(LogLevel level, std::string_view event, std::initializer_list<Field> fields) const {
   if (!logger_->should_log(to_spdlog(level))) return;
   const std::string line = log_line(event, fields);
+  {
+    const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+    const std::lock_guard lock(mutex_);
+    recent_.push_back(
+        fmt::format("{:%Y-%m-%dT%H:%M:%SZ} {:<7} {}\n", fmt::gmtime(now), name_of(level), line));
+    if (recent_.size() > lines_kept) recent_.pop_front();
+  }
   if (sink_ == Sink::journald)
     send_to_journald(level, event, fields, line);
   else
     logger_->log(to_spdlog(level), spdlog::string_view_t(line));
+}
+
+std::string Log::recent() const {
+  const std::lock_guard lock(mutex_);
+  return fmt::format("{}", fmt::join(recent_, ""));
 }
 
 void Log::set_level(LogLevel level) { logger_->set_level(to_spdlog(level)); }

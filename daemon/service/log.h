@@ -1,7 +1,9 @@
 #pragma once
 
+#include <deque>
 #include <initializer_list>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -56,12 +58,18 @@ class Log {
     write(LogLevel::error, event, fields);
   }
 
+  /// The last lines written, oldest first, each with time and level: for a post-mortem without a
+  /// journal.
+  std::string recent() const;
+
   void set_level(LogLevel level);
   LogLevel level() const;
 
  private:
   Sink sink_;
   std::unique_ptr<spdlog::logger> logger_;
+  mutable std::mutex mutex_;
+  mutable std::deque<std::string> recent_;  ///< written by write(), which is const for its callers
 };
 
 }  // namespace lightrig

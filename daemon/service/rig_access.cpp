@@ -116,6 +116,29 @@ Result<void> RigAccess::clear_fault(const std::stop_token& stop) {
   return devices_->gantry->clear_fault(within(answer_time, stop));
 }
 
+Result<LampState> RigAccess::set_lamp(double power, const std::stop_token& stop) {
+  if (!(power >= 0 && power <= rig_.lamp.max_power))
+    return fail(ErrorCode::refused, fmt::format("set the lamp: the rig file allows 0 … {}, not {}",
+                                                rig_.lamp.max_power, power));
+  auto status = devices_->gantry->status(within(answer_time, stop));
+  if (!status) return tl::unexpected(with_context("set the lamp", status.error()));
+  if (const std::string why = obstacle(*status); power > 0 && !why.empty())
+    return fail(ErrorCode::refused, "set the lamp: " + why);
+  if (auto set = devices_->lamp->set(power, within(answer_time, stop)); !set)
+    return tl::unexpected(with_context("set the lamp", set.error()));
+  auto state = devices_->lamp->state(within(answer_time, stop));
+  if (!state) return tl::unexpected(with_context("ask the lamp how it is", state.error()));
+  return state;
+}
+
+Result<Frame> RigAccess::expose(double seconds, const std::stop_token& stop) {
+  const auto time = std::chrono::duration_cast<std::chrono::nanoseconds>(
+      std::chrono::duration<double>(seconds + rig_.camera.readout_time));
+  auto frame = devices_->camera->expose(seconds, within(time + answer_time, stop));
+  if (!frame) return tl::unexpected(with_context("take a frame", frame.error()));
+  return frame;
+}
+
 Result<void> RigAccess::forbidden(const GantryStatus& now, const GantryPosition& target) const {
   if (!now.homed)
     return fail(ErrorCode::refused, "it is not homed, so its position is unknown; home it first");

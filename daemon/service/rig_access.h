@@ -49,6 +49,13 @@ class RigAccess {
   /// the gantry.
   Result<void> move_to(const GantryPosition& target, const std::stop_token& stop);
 
+  /// Sets the lamp [0, 1] and reads it back. Its lease runs: it goes dark by itself after
+  /// max_on_time. Errors: refused beyond the rig's max_power, or with an interlock open; those of
+  /// the lamp.
+  Result<LampState> set_lamp(double power, const std::stop_token& stop);
+  /// One frame where the gantry stands, the lamp as it is. Errors: those of the camera.
+  Result<Frame> expose(double seconds, const std::stop_token& stop);
+
   /// The devices opened anew, for a session whose wire broke; the old ones are gone by then.
   Result<Devices> reopen();
 

@@ -21,6 +21,8 @@ std::string_view name_of(SessionVerb verb) {
       return "resume";
     case SessionVerb::stop:
       return "stop";
+    case SessionVerb::halt:
+      return "halt";
     case SessionVerb::abort:
       return "abort";
   }
@@ -197,6 +199,18 @@ Result<std::uint64_t> Service::jog(const Caller& caller, const std::string& axis
                 });
 }
 
+Result<std::uint64_t> Service::lamp(const Caller& caller, double power) {
+  // Legal where jogging is: the rig is armed and does nothing else.
+  return submit("lamp", caller, Event::home, false,
+                [this, power](SessionControl& control) { return do_lamp(control, power); });
+}
+
+Result<std::uint64_t> Service::snap(const Caller& caller, double exposure, bool lit) {
+  return submit("snap", caller, Event::home, false, [this, exposure, lit](SessionControl& control) {
+    return do_snap(control, exposure, lit);
+  });
+}
+
 Result<std::string> Service::start(const Caller& caller, StartRequest request) {
   const std::string id = make_session_id(request.spec, std::chrono::system_clock::now());
   {
@@ -240,6 +254,10 @@ Result<void> Service::steer(const Caller& caller, const std::string& id, Session
     if (in_hand && verb == SessionVerb::resume) {
       session_->pause_requested = false;
       active_->resume();
+      return {};
+    }
+    if (in_hand && verb == SessionVerb::halt) {
+      active_->halt("halted by " + caller.name + "; lightrig resume goes on with it");
       return {};
     }
     if (in_hand) {

@@ -86,7 +86,7 @@ struct StartRequest {
   std::string key;           ///< repeated requests with one key start one session; "" = no key
 };
 
-enum class SessionVerb : std::uint8_t { pause, resume, stop, abort };
+enum class SessionVerb : std::uint8_t { pause, resume, stop, halt, abort };
 std::string_view name_of(SessionVerb verb);
 
 struct ServiceSettings {
@@ -116,11 +116,19 @@ class Service {
   Result<std::uint64_t> jog(const Caller& caller, const std::string& axis, double value,
                             bool relative);
 
+  /// Sets the lamp of an armed rig [0, 1]; its lease makes it dark again, and so does whatever ends
+  /// the arming.
+  Result<std::uint64_t> lamp(const Caller& caller, double power);
+  /// Takes one frame for the preview, with the lamp lit and warmed up for it where `lit`, dark
+  /// afterwards.
+  Result<std::uint64_t> snap(const Caller& caller, double exposure, bool lit);
+
   /// The id of the session, planning from now on.
   Result<std::string> start(const Caller& caller, StartRequest request);
 
-  /// Pause, resume, stop after this shot, or abort. `id` is the session in hand, or, to resume, any
-  /// unfinished one of the session root. Asking for what is so already is no error.
+  /// Pause, resume, stop after this shot, halt (at once; it can be resumed), or abort. `id` is the
+  /// session in hand, or, to resume, any unfinished one of the session root. Asking for what is so
+  /// already is no error.
   Result<void> steer(const Caller& caller, const std::string& id, SessionVerb verb);
 
   /// Stops whatever moves: requests the stop before it does anything else, takes no queue.
@@ -171,6 +179,8 @@ class Service {
   Result<std::string> do_home(SessionControl& control);
   Result<std::string> do_jog(SessionControl& control, const std::string& axis, double value,
                              bool relative);
+  Result<std::string> do_lamp(SessionControl& control, double power);
+  Result<std::string> do_snap(SessionControl& control, double exposure, bool lit);
   void remember(const RigFacts& facts);
   void lamp_unsure(bool unsure);
 
@@ -178,6 +188,7 @@ class Service {
   Result<std::string> do_session(SessionControl& control, const std::string& id,
                                  StartRequest request);
   Result<std::string> do_resume(SessionControl& control, const std::filesystem::path& folder);
+  Result<std::string> finish_resumed(const SessionRecord& record);
   Result<void> add_truth(SessionSpec& spec);
   Result<std::string> run_session(SessionControl& control, const SessionFolder& folder,
                                   const SessionSpec& spec, const Prepared& prepared);

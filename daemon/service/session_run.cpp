@@ -95,16 +95,33 @@ Result<std::string> Service::do_resume(SessionControl& control, const std::files
                            fmt::format("resume: session {} was captured with another rig file than "
                                        "{}; start the service with the session's own rig.toml",
                                        root.filename().string(), settings_.rig.path.string())});
-  if (record->state == "done")
-    return refuse_session({ErrorCode::refused,
-                           "resume: the session is done; its result stands in "
-                           "its folder (lightrig reduce computes it again)"});
+  if (record->state == "done") return finish_resumed(*record);
   auto prepared = prepare_with_plan(settings_.rig, record->spec, record->plan);
   if (!prepared) return refuse_session(with_context("resume", prepared.error()));
   log_.info("resuming", {{"session", root.filename().string()},
                          {"captured", std::to_string(record->shots.size())},
                          {"of", std::to_string(record->plan.shots.size())}});
   return run_session(control, record->folder, record->spec, *prepared);
+}
+
+// A session whose capture has ended: what a kill took from its result or its seal is made up for.
+Result<std::string> Service::finish_resumed(const SessionRecord& record) {
+  std::error_code error;
+  if (record.sealed && std::filesystem::exists(record.folder.manifest(), error))
+    return refuse_session({ErrorCode::refused,
+                           "resume: the session is done; its result stands in "
+                           "its folder (lightrig reduce computes it again)"});
+  {
+    const std::lock_guard lock(mutex_);
+    session_->folder = record.folder.root;
+    session_->progress.shots_done = static_cast<int>(record.shots.size());
+    session_->progress.shots_total = static_cast<int>(record.plan.shots.size());
+  }
+  log_.info("resuming", {{"session", record.folder.root.filename().string()},
+                         {"at", "its reduction: everything is captured"}});
+  if (!apply(Event::captured))
+    return fail(ErrorCode::stopped, "resume: aborted before the reduction began");
+  return reduce(record.folder);
 }
 
 Result<std::string> Service::run_session(SessionControl& control, const SessionFolder& folder,
@@ -234,9 +251,13 @@ void Service::on_event(const JournalEvent& event) {
 void Service::on_progress(const SessionProgress& progress) {
   liveness_.promise(longest_step());
   std::string session;
+  std::optional<RigFacts> facts;
   {
     const std::lock_guard lock(mutex_);
     session = session_->id;
+    if (facts_ && progress.gantry) facts_->gantry = *progress.gantry;
+    if (facts_ && facts_->lamp && progress.lamp_power) facts_->lamp->power = *progress.lamp_power;
+    facts = facts_;
     session_->progress = progress;
     const int known = session_->curve.empty() ? 0 : session_->curve.back().lights;
     if (progress.shots_done > known)
@@ -244,7 +265,7 @@ void Service::on_progress(const SessionProgress& progress) {
                                  progress.predicted_error_percent, progress.held_out_error_percent,
                                  progress.true_error_percent});
   }
-  hub_.update("progress", progress_json(session, progress));
+  hub_.update("progress", progress_json(session, progress, facts));
 }
 
 void Service::on_frame(const Frame& frame, const std::string& shot) {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "daemon/service/service.h"
+#include "daemon/service/status_json.h"
 
 namespace lightrig {
 namespace {
@@ -195,6 +196,47 @@ Result<std::string> Service::do_jog(SessionControl& control, const std::string& 
     return tl::unexpected(with_context("jog", moved.error()));
   }
   return fmt::format("{} is at {}", axis.name, in_rig_units(axis, target.axes[i]));
+}
+
+Result<std::string> Service::do_lamp(SessionControl& control, double power) {
+  liveness_.promise(short_promise);
+  const auto state = access_.set_lamp(power, control.stop_token());
+  if (auto after = access_.facts({})) remember(*after);
+  if (!state) return tl::unexpected(state.error());
+  const double seconds = std::chrono::duration<double>(settings_.rig.lamp.max_on_time).count();
+  return fmt::format(
+      "the lamp is {}{}{}",
+      state->power > 0 ? fmt::format("at {:.0f} %", 100 * state->power) : "dark",
+      state->confirmed ? ", read back" : ", as told: it cannot be read back",
+      state->power > 0 ? fmt::format("; it goes dark by itself after {} s", seconds) : "");
+}
+
+Result<std::string> Service::do_snap(SessionControl& control, double exposure, bool lit) {
+  liveness_.promise(longest_step());
+  const std::stop_token stop = control.stop_token();
+  Result<Frame> frame = fail(ErrorCode::stopped, "snap: stopped");
+  Result<LampState> lamp = LampState{};
+  if (lit) lamp = access_.set_lamp(settings_.rig.lamp.power, stop);
+  if (lamp) {
+    if (lit)
+      access_.clock().sleep_until(
+          access_.clock().now() + std::chrono::duration_cast<std::chrono::nanoseconds>(
+                                      std::chrono::duration<double>(settings_.rig.lamp.warm_up)),
+          stop);
+    if (!stop.stop_requested()) frame = access_.expose(exposure, stop);
+  }
+  // Dark on every path, whether or not a stop was asked for.
+  if (lit)
+    if (auto dark = access_.set_lamp(0, {}); !dark) {
+      lamp_unsure(true);
+      apply(Event::fault, dark.error().message);
+      return tl::unexpected(dark.error());
+    }
+  if (auto after = access_.facts({})) remember(*after);
+  if (!lamp) return tl::unexpected(lamp.error());
+  if (!frame) return tl::unexpected(with_context("snap", frame.error()));
+  hub_.update("preview", preview_json(preview_.offer(*frame, "snap")));
+  return fmt::format("a frame of {:.6g} s is taken; GET /v1/preview shows it", frame->exposure);
 }
 
 }  // namespace lightrig

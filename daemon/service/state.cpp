@@ -41,6 +41,7 @@ Next from_work(Event event, Event its_end, State after) {
 
 Next from_planning(Event event) {
   if (event == Event::clear) return State::armed;  // the plan was refused; the rig is unharmed
+  if (event == Event::captured) return State::reducing;  // resumed, with nothing left to capture
   return from_work(event, Event::planned, State::capturing);
 }
 

@@ -100,9 +100,11 @@ std::string status_json(const Snapshot& moment) {
   return one_line(json);
 }
 
-std::string progress_json(const std::string& session, const SessionProgress& progress) {
+std::string progress_json(const std::string& session, const SessionProgress& progress,
+                          const std::optional<RigFacts>& facts) {
   Json json{{"session", session}};
   json.update(progress_of(progress));
+  if (facts) json["devices"] = facts_of(*facts);
   return one_line(json);
 }
 

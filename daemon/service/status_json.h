@@ -9,8 +9,9 @@ namespace lightrig {
 /// /v1/status: one line of JSON [docs/control_api.md].
 std::string status_json(const Snapshot& snapshot);
 
-/// The progress of a session as the event "progress".
-std::string progress_json(const std::string& session, const SessionProgress& progress);
+/// The progress of a session as the event "progress", with how the devices are as far as is known.
+std::string progress_json(const std::string& session, const SessionProgress& progress,
+                          const std::optional<RigFacts>& facts);
 
 /// A journal event as the service sends it.
 std::string event_json(const std::string& session, const JournalEvent& event);

@@ -1,5 +1,8 @@
 #include "daemon/session/alongside.h"
 
+#include <sys/resource.h>
+#include <unistd.h>
+
 #include <utility>
 
 #include "core/check.h"
@@ -44,7 +47,10 @@ std::string Alongside::take_problem() {
 }
 
 void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks) {
-  // One thread: the motion leaves time enough, and the session thread must not wait for a core.
+  // One thread: the motion leaves time enough, and neither the session thread nor an ABORT may wait
+  // for a core that does arithmetic. On Linux a nice value is a thread's own; without the right to
+  // it, things go on as they were.
+  (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), 10);
   Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks), 1);
   std::unique_lock lock(mutex_);
   while (changed_.wait(lock, stop, [this] { return !queue_.empty(); })) {

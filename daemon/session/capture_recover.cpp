@@ -210,6 +210,9 @@ void CaptureRun::say(const std::string& activity) {
     progress.held_out_error_percent = point->held_out_error_percent;
     progress.true_error_percent = point->true_error_percent;
   }
+  progress.gantry = hand_.last_status();
+  if (hand_.lamp_known_dark()) progress.lamp_power = 0;
+  if (hand_.lamp_known_on()) progress.lamp_power = t_.rig.lamp.power;
   t_.listeners.progress(progress);
 }
 

@@ -90,6 +90,7 @@ Result<GantryStatus> DeviceHand::status() {
   if (!devices_.gantry) return not_open("gantry");
   auto status = devices_.gantry->status(within(answer_time));
   if (!status) return tl::unexpected(with_context("ask the gantry's status", status.error()));
+  last_status_ = *status;
   return status;
 }
 
@@ -248,6 +249,7 @@ Result<void> DeviceHand::reopen(const ReopenDevices& reopen) {
   devices_.gantry.reset();
   devices_.camera.reset();
   last_frame_id_.reset();
+  last_status_.reset();
   auto opened = reopen();
   if (!opened) return tl::unexpected(with_context("open the devices again", opened.error()));
   devices_.camera = std::move(opened->camera);

@@ -41,6 +41,9 @@ class DeviceHand {
   Result<void> lamp_dark();
   bool lamp_known_dark() const { return lamp_ == LampKnown::dark; }
   bool lamp_known_on() const { return lamp_ == LampKnown::on; }
+  /// The gantry's status as it was read last; empty before that, and after its wire was opened
+  /// anew.
+  const std::optional<GantryStatus>& last_status() const { return last_status_; }
 
   /// Destroys the devices, lamp first, and opens them again; the lamp is told to go dark.
   Result<void> reopen(const ReopenDevices& reopen);
@@ -64,6 +67,7 @@ class DeviceHand {
   LampKnown lamp_ = LampKnown::unknown;
   TimePoint lamp_renewed_{};
   std::optional<std::uint64_t> last_frame_id_;
+  std::optional<GantryStatus> last_status_;
 };
 
 /// What keeps the gantry from being trusted to stand at `target`; "" when nothing does.

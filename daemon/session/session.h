@@ -56,6 +56,8 @@ struct SessionProgress {
   double elapsed_s = 0, remaining_s = 0;  ///< rig time
   double predicted_error_percent = 0;     ///< with what is captured so far
   std::optional<double> held_out_error_percent, true_error_percent;
+  std::optional<GantryStatus> gantry;  ///< as last read
+  std::optional<double> lamp_power;    ///< [0, 1]; empty while it is not known
 };
 
 enum class SessionOutcome : std::uint8_t { done, stopped_early, paused, aborted, faulted };

@@ -184,6 +184,7 @@ Result<SessionRecord> read_session_folder(const fs::path& root) {
   record.darks = std::move(captured->darks);
   record.shots = std::move(captured->shots);
   record.state = std::move(captured->state);
+  record.sealed = captured->sealed;
   record.events = std::move(replay->events);
   return record;
 }

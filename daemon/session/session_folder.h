@@ -62,6 +62,7 @@ struct SessionRecord {
   std::vector<StoredFrame> darks;   ///< lamp-off frames common to all shots
   std::vector<CapturedShot> shots;  ///< in order of capture
   std::string state;                ///< "capturing", "paused", "done", "aborted", "faulted"
+  bool sealed = false;              ///< by its last event; the manifest is written after that
   std::vector<JournalEvent> events;
 };
 /// Errors: not_found when there is no session there; invalid_input when a part of it is damaged or

@@ -47,6 +47,8 @@ class RawConnection {
   }
 
   bool connected() const { return connected_; }
+  /// Says that nothing more will be sent.
+  void end_sending() { ::shutdown(fd_, SHUT_WR); }
   void send(const std::string& bytes) {
     (void)!::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
   }

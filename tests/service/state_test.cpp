@@ -26,6 +26,7 @@ const std::map<std::pair<S, E>, S> legal{
 
     {{S::planning, E::planned}, S::capturing}, {{S::planning, E::clear}, S::armed},
     {{S::planning, E::abort}, S::aborted},     {{S::planning, E::fault}, S::faulted},
+    {{S::planning, E::captured}, S::reducing},
 
     {{S::capturing, E::pause}, S::paused},     {{S::capturing, E::captured}, S::reducing},
     {{S::capturing, E::abort}, S::aborted},    {{S::capturing, E::fault}, S::faulted},

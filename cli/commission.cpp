@@ -1,0 +1,310 @@
+// commission: what must be proven before a rig is trusted, one by one, and recorded.
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <iostream>
+#include <numbers>
+#include <thread>
+
+#include "cli/json_fields.h"
+#include "cli/say.h"
+#include "cli/service_client.h"
+#include "cli/verbs.h"
+#include "daemon/session/durable_file.h"
+
+namespace lightrig::cli {
+namespace {
+
+using namespace std::chrono_literals;
+using SteadyClock = std::chrono::steady_clock;
+
+constexpr double step_deg = 5, step_mm = 20;  ///< travel by which a direction is shown
+constexpr double off_by = 0.1;                ///< [deg or mm] a read-back may differ by this much
+
+/// What one check found: passed, failed, or skipped with the reason.
+struct Finding {
+  bool passed = false, skipped = false;
+  std::string what;
+};
+Finding passed(std::string what) { return {true, false, std::move(what)}; }
+Finding failed(std::string what) { return {false, false, std::move(what)}; }
+Finding skipped(std::string what) { return {true, true, std::move(what)}; }
+
+/// One rig being commissioned: its checks in order, and their record.
+class Commissioning {
+ public:
+  explicit Commissioning(const CommissionOptions& options)
+      : client_(options.service), ask_(!options.yes) {}
+
+  /// Errors: the service does not answer. A check that fails is no error; the rig is left unarmed.
+  Result<Json> run() {
+    auto rig = client_.get_json("/v1/rig");
+    if (!rig) return tl::unexpected(rig.error());
+    rig_ = std::move(*rig);
+    check("starts unarmed", "the service is asked", [this] { return unarmed(); });
+    check("moves nothing before homing", "a small move is asked for",
+          [this] { return not_before_homing(); });
+    check("homing", "the gantry is homed", [this] { return homing(); });
+    for (const Json& axis : rig_["axes"]) {
+      const std::string name = text(axis, "name");
+      check("direction of " + name, "it is moved a little and read back",
+            [&] { return direction(axis); });
+      check("limits of " + name, "a position beyond each end is asked for",
+            [&] { return limits(axis); });
+    }
+    check("ABORT during a move", "a long move is aborted", [this] { return abort_in_motion(); });
+    check("nothing moves after ABORT", "homing is asked for",
+          [this] { return still_after_abort(); });
+    check("lamp off", "the lamp is lit, then the rig is disarmed", [this] { return lamp_off(); });
+    check("watchdog of the lamp", "the lamp is lit and not renewed",
+          [this] { return lamp_watchdog(); });
+    for (const Json& interlock : rig_["interlocks"])
+      check("interlock " + interlock.get<std::string>(), "it is opened by hand",
+            [&] { return interlock_opens(interlock.get<std::string>()); });
+    (void)client_.post("/v1/disarm", Json::object());
+    return Json{{"schema", "lightrig.commissioning/1"},
+                {"rig", rig_["name"]},
+                {"rig_sha256", sha256_hex(text(rig_, "text"))},
+                {"at", now_utc()},
+                {"asked_a_person", ask_},
+                {"passed", failures_ == 0},
+                {"checks", checks_}};
+  }
+  int failures() const { return failures_; }
+
+ private:
+  static std::string now_utc() {
+    const auto now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+    return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(now));
+  }
+
+  void check(const std::string& name, const std::string& how, const std::function<Finding()>& run) {
+    say(fmt::format("{}: {} …", name, how));
+    std::fflush(stdout);
+    const Finding found = run();
+    if (!found.passed) ++failures_;
+    const char* outcome = found.skipped ? "skipped" : found.passed ? "passed" : "FAILED";
+    say(fmt::format("  {}: {}", outcome, found.what));
+    checks_.push_back({{"check", name},
+                       {"how", how},
+                       {"outcome", outcome},
+                       {"found", found.what},
+                       {"at", now_utc()}});
+  }
+
+  /// A person's answer. Without one it is taken as given, and the record says so.
+  bool person_says(const std::string& question) {
+    if (!ask_) return true;
+    fmt::print("  {} [y/n] ", question);
+    std::fflush(stdout);
+    std::string answer;
+    return std::getline(std::cin, answer) && !answer.empty() &&
+           (answer[0] == 'y' || answer[0] == 'Y');
+  }
+  Finding seen(const std::string& measured, const std::string& question) {
+    if (!ask_) return passed(measured + "; nobody was asked to look");
+    return person_says(question) ? passed(measured + "; seen by a person")
+                                 : failed(measured + "; but a person says no: " + question);
+  }
+
+  Result<std::string> carry_out(const std::string& path, const Json& body = Json::object()) {
+    const auto reply = client_.post(path, body);
+    if (!reply) return tl::unexpected(reply.error());
+    return client_.wait_for(reply->value("command", std::uint64_t{0}));
+  }
+  Json status() { return client_.get_json("/v1/status").value_or(Json::object()); }
+  Result<std::string> armed() {
+    if (status().value("armed", false)) return std::string();
+    return carry_out("/v1/arm");
+  }
+  Result<std::string> armed_and_homed() {
+    if (auto done = armed(); !done) return done;
+    const Json now = status();
+    if (part(part(now, "devices"), "gantry").value("homed", false)) return std::string();
+    return carry_out("/v1/home");
+  }
+  /// Where an axis stands, in the unit of the rig file.
+  double position(const std::string& name) {
+    const Json now = status();
+    const Json& at = part(part(part(now, "devices"), "gantry"), "position");
+    for (std::size_t i = 0; i < rig_["axes"].size(); ++i)
+      if (text(rig_["axes"][i], "name") == name && at.is_array() && i < at.size() &&
+          at[i].is_number())
+        return at[i].get<double>() *
+               (text(rig_["axes"][i], "unit") == "deg" ? 180 / std::numbers::pi : 1e3);
+    return std::nan("");
+  }
+  Result<std::string> move_to(const Json& axis, double to) {
+    return carry_out("/v1/jog", {{"axis", text(axis, "name")}, {"to_" + text(axis, "unit"), to}});
+  }
+
+  Finding unarmed() {
+    const Json now = status();
+    if (text(now, "state") == "unarmed") return passed("it is unarmed, no device is open");
+    if (auto done = carry_out("/v1/disarm"); !done) return failed(done.error().message);
+    return passed("it was " + text(now, "state") + " and let itself be disarmed");
+  }
+
+  Finding not_before_homing() {
+    const auto early = carry_out("/v1/home");
+    if (early) return failed("it homed although the rig was not armed");
+    if (auto done = armed(); !done) return failed(done.error().message);
+    if (part(part(status(), "devices"), "gantry").value("homed", false))
+      return skipped("the controller says that it is homed already; not moved while unarmed: " +
+                     early.error().message);
+    const auto moved = move_to(rig_["axes"][0], rig_["axes"][0]["home"].get<double>());
+    return moved ? failed("it moved without being homed") : passed(moved.error().message);
+  }
+
+  Finding homing() {
+    if (!person_says("Is everybody clear of the arm, and a hand on the emergency stop?"))
+      return failed("a person says that it is not safe to home");
+    const auto begun = SteadyClock::now();
+    if (auto done = carry_out("/v1/home"); !done) return failed(done.error().message);
+    const double seconds = std::chrono::duration<double>(SteadyClock::now() - begun).count();
+    return seen(fmt::format("homed in {:.1f} s", seconds),
+                "Did every axis find its switch, slowly?");
+  }
+
+  Finding direction(const Json& axis) {
+    const std::string name = text(axis, "name"), unit = text(axis, "unit");
+    const double from = position(name), step = unit == "deg" ? step_deg : step_mm;
+    // Towards the side where there is room.
+    const double sign = from + step <= axis["max"].get<double>() ? 1 : -1;
+    if (auto done = move_to(axis, from + sign * step); !done) return failed(done.error().message);
+    const double at = position(name);
+    if (!(std::abs(at - from - sign * step) <= off_by))
+      return failed(
+          fmt::format("told to go to {:.3f} {}, it says {:.3f}", from + sign * step, unit, at));
+    const Finding found = seen(fmt::format("moved from {:.3f} to {:.3f} {}", from, at, unit),
+                               fmt::format("Did {} move towards its {} side, by about {} {}?", name,
+                                           sign > 0 ? "greater" : "smaller", step, unit));
+    if (auto back = move_to(axis, from); !back)
+      return failed("on the way back: " + back.error().message);
+    return found;
+  }
+
+  Finding limits(const Json& axis) {
+    const std::string name = text(axis, "name");
+    const double before = position(name);
+    for (const double beyond : {axis["min"].get<double>() - 1, axis["max"].get<double>() + 1})
+      if (move_to(axis, beyond))
+        return failed(
+            fmt::format("it went to {} {}, beyond its travel", beyond, text(axis, "unit")));
+    const double moved = std::abs(position(name) - before);
+    return moved <= off_by ? passed(fmt::format("{} and {} {} were refused, it did not move",
+                                                axis["min"].get<double>() - 1,
+                                                axis["max"].get<double>() + 1, text(axis, "unit")))
+                           : failed(fmt::format("refused, but it moved by {:.3f}", moved));
+  }
+
+  Finding abort_in_motion() {
+    const Json& axis = rig_["axes"][0];
+    const std::string name = text(axis, "name");
+    const double from = position(name), low = axis["min"].get<double>(),
+                 high = axis["max"].get<double>();
+    const double to = high - from > from - low ? high : low;
+    const auto reply = client_.post("/v1/jog", {{"axis", name}, {"to_" + text(axis, "unit"), to}});
+    if (!reply) return failed(reply.error().message);
+    std::this_thread::sleep_for(200ms);
+    if (!status().value("busy", false))
+      return failed("the move had ended, or never began, before it could be aborted");
+    const auto asked = SteadyClock::now();
+    if (auto aborted = client_.post("/v1/abort", {{"reason", "commissioning"}}); !aborted)
+      return failed(aborted.error().message);
+    const auto end = client_.wait_for(reply->value("command", std::uint64_t{0}));
+    const double ms = 1e3 * std::chrono::duration<double>(SteadyClock::now() - asked).count();
+    if (end) return failed("the move arrived although it was aborted");
+    return seen(fmt::format("the move ended {:.0f} ms after ABORT was asked for, the rig is {}", ms,
+                            text(status(), "state")),
+                "Did the arm stop at once, and did it hold?");
+  }
+
+  Finding still_after_abort() {
+    const auto moved = carry_out("/v1/home");
+    return moved ? failed("it homed although nobody had armed the rig again")
+                 : passed(moved.error().message);
+  }
+
+  Finding lamp_off() {
+    if (auto done = armed(); !done) return failed(done.error().message);
+    const auto lit = carry_out("/v1/lamp", {{"power", rig_["lamp"]["power"]}});
+    if (!lit) return failed(lit.error().message);
+    if (!person_says("Is the lamp lit?"))
+      return failed("a person says that the lamp did not light");
+    if (auto done = carry_out("/v1/disarm"); !done) return failed(done.error().message);
+    // The devices are closed after the command has ended.
+    for (int i = 0; i < 100 && !part(status(), "devices").is_null(); ++i)
+      std::this_thread::sleep_for(50ms);
+    if (status().value("lamp_may_be_on", true))
+      return failed("the lamp could not be made dark: LAMP MAY BE ON");
+    return seen(*lit + ", then disarmed", "Is the lamp dark?");
+  }
+
+  Finding lamp_watchdog() {
+    const double lease = rig_["lamp"]["max_on_time_s"].get<double>();
+    if (auto done = armed(); !done) return failed(done.error().message);
+    if (auto lit = carry_out("/v1/lamp", {{"power", rig_["lamp"]["power"]}}); !lit)
+      return failed(lit.error().message);
+    // An idle rig is looked at every two seconds.
+    std::this_thread::sleep_for(std::chrono::duration<double>(lease) + 5s);
+    const Json lamp = part(part(status(), "devices"), "lamp");
+    const double power = number(lamp, "power");
+    if (lamp.value("confirmed", false) && !(power <= 0))
+      return failed(fmt::format("after {} s without renewal it still reads {:.2f}", lease, power));
+    return seen(fmt::format("after {} s without renewal it {}", lease,
+                            lamp.value("confirmed", false) ? "reads dark" : "cannot be read back"),
+                "Has the lamp gone dark by itself?");
+  }
+
+  Finding interlock_opens(const std::string& name) {
+    if (!ask_) return skipped("it takes a hand");
+    if (auto done = armed_and_homed(); !done) return failed(done.error().message);
+    if (!person_says("Open " + name + ", then answer y. Is it open?"))
+      return failed("a person did not open it");
+    std::this_thread::sleep_for(5s);
+    const auto moved = move_to(rig_["axes"][0], rig_["axes"][0]["home"].get<double>());
+    (void)person_says("Close " + name + " again, then answer y. Is it closed?");
+    return moved ? failed("the gantry moved with " + name + " open")
+                 : passed(moved.error().message);
+  }
+
+  ServiceClient client_;
+  bool ask_;
+  Json rig_;
+  Json checks_ = Json::array();
+  int failures_ = 0;
+};
+
+}  // namespace
+
+int commission(const CommissionOptions& options) {
+  if (!options.yes && isatty(STDIN_FILENO) == 0)
+    return complain(
+        "commission asks a person at every step: run it in a terminal, or say --yes to prove what "
+        "needs no eyes");
+  Commissioning commissioning(options);
+  const auto record = commissioning.run();
+  if (!record) return complain(record.error());
+  const std::string file =
+      options.output.empty()
+          ? fmt::format(
+                "commissioning-{:%Y%m%dT%H%M%SZ}.json",
+                fmt::gmtime(std::chrono::system_clock::to_time_t(std::chrono::system_clock::now())))
+          : options.output;
+  if (auto written = write_durably(file, record->dump(1) + "\n"); !written)
+    return complain(written.error());
+  if (options.service.json)
+    say(record->dump());
+  else
+    say(fmt::format("{} of {} checks failed; the record is {}", commissioning.failures(),
+                    (*record)["checks"].size(), file));
+  return commissioning.failures() == 0 ? 0 : 1;
+}
+
+}  // namespace lightrig::cli
