@@ -1,16 +1,20 @@
 #include "core/binning_kernels.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <numeric>
 
-#include "core/check.h"
 #include "core/lanes.h"
 
 namespace lightrig {
 
 namespace {
+
+[[gnu::always_inline]] inline void take_square_roots(Lanes& x) {
+  double roots[lane_width];
+  for (int j = 0; j < lane_width; ++j) roots[j] = std::sqrt(x[j]);
+  x = lanes_at(roots);
+}
 
 [[gnu::always_inline]] inline void angles_body(const PointColumns& points, std::size_t first,
                                                const LightPosition& light, double min_cos_i,
@@ -29,24 +33,32 @@ namespace {
   const double qx = light.p.x(), qy = light.p.y(), qz = light.p.z();
   // A distant lamp is its direction: the way to it is not measured from the point, nor scaled.
   const double near = light.distant ? 0.0 : 1.0;
-  for (std::size_t i = 0; i < count; ++i) {
-    const double wx = qx - near * px[i], wy = qy - near * py[i], wz = qz - near * pz[i];
-    const double measured = std::sqrt(wx * wx + (wy * wy + wz * wz));
-    const double length = light.distant ? 1.0 : measured;
-    const double lx = wx / length, ly = wy / length, lz = wz / length;
-    const double cos_i = nx[i] * lx + ny[i] * ly + nz[i] * lz;
-    const double sx = lx + vx[i], sy = ly + vy[i], sz = lz + vz[i];
-    const double s2 = sx * sx + sy * sy + sz * sz;
-    const double s = std::sqrt(s2);
-    const double x = nx[i] - sx / s, y = ny[i] - sy / s, z = nz[i] - sz / s;
-    const double dx = lx - vx[i], dy = ly - vy[i], dz = lz - vz[i];
-    const double t2 = (dx * dx + dy * dy + dz * dz) / s2;
-    const double c2 = x * x + y * y + z * z;
-    const double within = t2 <= max_tangent2 ? c2 : unlit;
-    const double defined = s2 > 0 ? within : no_half_vector;
-    const double lit = cos_i > 0 ? defined : unlit;
-    chord2[i] = cos_i >= min_cos_i ? lit : unlit;
-    tangent2[i] = t2;
+  const Lanes none = Lanes{} + unlit, no_half = Lanes{} + no_half_vector;
+  for (std::size_t i = 0; i < count; i += lane_width) {
+    const Lanes wx = qx - near * lanes_at(px + i), wy = qy - near * lanes_at(py + i),
+                wz = qz - near * lanes_at(pz + i);
+    Lanes length = Lanes{} + 1.0;
+    if (!light.distant) {
+      length = wx * wx + (wy * wy + wz * wz);
+      take_square_roots(length);
+    }
+    const Lanes lx = wx / length, ly = wy / length, lz = wz / length;
+    const Lanes n_x = lanes_at(nx + i), n_y = lanes_at(ny + i), n_z = lanes_at(nz + i);
+    const Lanes v_x = lanes_at(vx + i), v_y = lanes_at(vy + i), v_z = lanes_at(vz + i);
+    const Lanes cos_i = n_x * lx + n_y * ly + n_z * lz;
+    const Lanes sx = lx + v_x, sy = ly + v_y, sz = lz + v_z;
+    const Lanes s2 = sx * sx + sy * sy + sz * sz;
+    Lanes s = s2;
+    take_square_roots(s);
+    const Lanes x = n_x - sx / s, y = n_y - sy / s, z = n_z - sz / s;
+    const Lanes dx = lx - v_x, dy = ly - v_y, dz = lz - v_z;
+    const Lanes t2 = (dx * dx + dy * dy + dz * dz) / s2;
+    const Lanes c2 = x * x + y * y + z * z;
+    const Lanes within = t2 <= max_tangent2 ? c2 : none;
+    const Lanes defined = s2 > 0 ? within : no_half;
+    const Lanes lit = cos_i > 0 ? defined : none;
+    lanes_at(chord2 + i) = cos_i >= min_cos_i ? lit : none;
+    lanes_at(tangent2 + i) = t2;
   }
 }
 
@@ -70,44 +82,6 @@ namespace {
     least[i] = inner > 0 ? inner * inner : 0.0;
     greatest[i] = outer * outer;
   }
-}
-
-using LaneMask [[gnu::vector_size(64)]] = std::int64_t;
-
-/// One bit per lane of a comparison.
-[[gnu::always_inline]] inline unsigned bits_of(const LaneMask& mask) {
-  const LaneMask bits = mask & LaneMask{1, 2, 4, 8, 16, 32, 64, 128};
-  return static_cast<unsigned>(((bits[0] | bits[1]) | (bits[2] | bits[3])) |
-                               ((bits[4] | bits[5]) | (bits[6] | bits[7])));
-}
-
-[[gnu::always_inline]] inline BundleView range_body(const PointColumns& points, std::size_t first,
-                                                    std::size_t last, const Eigen::Vector3d& l,
-                                                    const Eigen::Vector3d& h, double min_cos_i,
-                                                    double least, double end, std::int32_t* place,
-                                                    double* chord2) {
-  const double lx = l.x(), ly = l.y(), lz = l.z(), hx = h.x(), hy = h.y(), hz = h.z();
-  BundleView view;
-  for (std::size_t i = first; i < last; i += lane_width) {
-    const Lanes nx = lanes_at(points.nx.data() + i), ny = lanes_at(points.ny.data() + i),
-                nz = lanes_at(points.nz.data() + i);
-    const Lanes cos_i = nx * lx + ny * ly + nz * lz;
-    const Lanes x = nx - hx, y = ny - hy, z = nz - hz;
-    const Lanes c2 = x * x + y * y + z * z;
-    const auto lit = (cos_i > 0) & (cos_i >= min_cos_i);
-    const auto within = lit & (c2 >= least) & (c2 < end);
-    // What lies beyond `last` belongs to the next bundle.
-    const std::size_t count = std::min<std::size_t>(lane_width, last - i);
-    const unsigned mine = (1U << count) - 1;
-    view.lit += std::popcount(bits_of(lit) & mine);
-    for (unsigned left = bits_of(within) & mine; left != 0; left &= left - 1) {
-      const int j = std::countr_zero(left);
-      place[view.found] = static_cast<std::int32_t>(i) + j;
-      chord2[view.found] = c2[j];
-      ++view.found;
-    }
-  }
-  return view;
 }
 
 #if defined(__x86_64__)
@@ -159,6 +133,12 @@ void reorder(std::vector<double>& values, const std::vector<std::size_t>& order)
 
 }  // namespace
 
+void PointColumns::pad() {
+  for (std::vector<double>* column : {&px, &py, &pz, &nx, &ny, &nz, &vx, &vy, &vz}) {
+    column->resize(size() + lane_width, 0.0);
+  }
+}
+
 void angles_of_points(const PointColumns& points, std::size_t first, const LightPosition& light,
                       double min_cos_i, double max_tangent2, std::span<double> chord2,
                       std::span<double> tangent2, int level) {
@@ -189,18 +169,6 @@ void bundle_ranges(const NormalBundles& bundles, const Eigen::Vector3d& l, const
   bundles_body(bundles, l, h, cosine, least, greatest);
 }
 
-BundleView points_in_range(const PointColumns& points, std::size_t first, std::size_t last,
-                           const Eigen::Vector3d& l, const Eigen::Vector3d& h, double min_cos_i,
-                           double least, double end, std::span<std::int32_t> place,
-                           std::span<double> chord2, int level) {
-  CHECK(place.size() >= last - first && chord2.size() >= last - first);
-  return on_level(
-      level, [&]() __attribute__((always_inline)) {
-        return range_body(points, first, last, l, h, min_cos_i, least, end, place.data(),
-                          chord2.data());
-      });
-}
-
 NormalBundles bundle_normals(PointColumns& points, int size) {
   const std::size_t n = points.size();
   const int side = std::max(1, static_cast<int>(std::sqrt(2.0 * static_cast<double>(n) / size)));
@@ -220,9 +188,6 @@ NormalBundles bundle_normals(PointColumns& points, int size) {
   for (std::vector<double>* column : {&points.px, &points.py, &points.pz, &points.nx, &points.ny,
                                       &points.nz, &points.vx, &points.vy, &points.vz}) {
     reorder(*column, order);
-  }
-  for (std::vector<double>* column : {&points.nx, &points.ny, &points.nz}) {
-    column->resize(n + lane_width, 0.0);
   }
   const std::vector<std::int32_t> index = points.index;
   for (std::size_t i = 0; i < n; ++i) points.index[i] = index[order[i]];

@@ -16,6 +16,9 @@ struct PointColumns {
   std::vector<double> nx, ny, nz;   ///< unit normal
   std::vector<double> vx, vy, vz;   ///< unit, towards the camera
   std::size_t size() const { return index.size(); }
+
+  /// Lengthens the coordinates by a vector of eight, so that loops may run past the last point.
+  void pad();
 };
 
 /// Marks in `chord2` of points that show nothing.
@@ -23,7 +26,8 @@ inline constexpr double unlit = -1;           ///< n·l ≤ 0 or beyond a limit
 inline constexpr double no_half_vector = -2;  ///< l = −v
 
 /// 4 sin²(θh/2) and tan²θd of points first … first + chord2.size() − 1 under one light; chord2 is
-/// negative where a point shows nothing. The same operations in the same order as half_diff().
+/// negative where a point shows nothing. The same operations in the same order as half_diff(). Both
+/// are written in whole vectors of eight: their memory reaches to the next multiple. Padded points.
 void angles_of_points(const PointColumns& points, std::size_t first, const LightPosition& light,
                       double min_cos_i, double max_tangent2, std::span<double> chord2,
                       std::span<double> tangent2, int level);
@@ -41,22 +45,7 @@ void bundle_ranges(const NormalBundles& bundles, const Eigen::Vector3d& l, const
                    std::span<double> greatest_cosine, std::span<double> least_chord2,
                    std::span<double> greatest_chord2, int level);
 
-/// What one distant light shows of a bundle within a range of rows.
-struct BundleView {
-  int lit = 0;    ///< points that face the light within its limit
-  int found = 0;  ///< of these, within the range
-};
-
-/// Points first … last − 1 that face a distant light within min_cos_i and have 4 sin²(θh/2) in
-/// [least, end): their places in `points` and their chords, in order; room for last − first of
-/// each.
-BundleView points_in_range(const PointColumns& points, std::size_t first, std::size_t last,
-                           const Eigen::Vector3d& l, const Eigen::Vector3d& h, double min_cos_i,
-                           double least, double end, std::span<std::int32_t> place,
-                           std::span<double> chord2, int level);
-
-/// Sorts points into bundles of about `size` by their normals; pads the normals by a vector of
-/// eight.
+/// Sorts points into bundles of about `size` by their normals. Before padding.
 NormalBundles bundle_normals(PointColumns& points, int size);
 
 }  // namespace lightrig

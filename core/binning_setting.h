@@ -50,12 +50,12 @@ struct BinningScratch {
   std::vector<Eigen::Vector3d> position, normal;
   std::vector<std::uint8_t> blocked;
   std::array<double, 1024> chord2, tangent2;
+  std::vector<std::int32_t> cell_of_point;  ///< (points in view), −1: shows none
+  std::vector<std::int32_t> tried;          ///< (cells)
 
   std::vector<double> cosine, least, greatest;  ///< (bundles)
   std::vector<std::int32_t> wanted, skipped;    ///< (rows): points to find yet, to pass over
   std::vector<std::uint64_t> wanted_rows;       ///< bits of rows with wanted > 0
-  std::vector<std::int32_t> place;              ///< (points of a bundle)
-  std::vector<double> place_chord2;
 };
 
 /// Shadow rays for scratch.point; scratch.blocked tells the outcome.

@@ -63,27 +63,54 @@ void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& lig
 
 namespace {
 
-/// The lit points of one candidate, by the angles of every point.
-void find_lit(const BinningSetting& setting, const LightPosition& light, BinningScratch& scratch,
-              BinningStatistics& statistics) {
+/// Points of one cell that a first look brings along for shadow rays: most cells need no more.
+constexpr std::int32_t first_tries = 4;
+
+/// The cells of all points under one light, −1 where they show none, and up to `most` points of
+/// each cell in scratch.lit.
+void find_lit(const BinningSetting& setting, const LightPosition& light, std::int32_t most,
+              BinningScratch& scratch, BinningStatistics& statistics) {
   const PointColumns& points = setting.in_view;
+  const CellLookup& lookup = setting.lookup;
   scratch.lit.clear();
+  scratch.cell_of_point.resize(points.size());
+  scratch.tried.assign(static_cast<std::size_t>(lookup.grid().cells()), 0);
   for (std::size_t first = 0; first < points.size(); first += scratch.chord2.size()) {
     const std::size_t count = std::min(scratch.chord2.size(), points.size() - first);
     angles_of_points(points, first, light, setting.limits.min_cos_i, setting.max_tangent2,
                      {scratch.chord2.data(), count}, {scratch.tangent2.data(), count},
                      setting.level);
     for (std::size_t i = 0; i < count; ++i) {
+      std::int32_t& cell = scratch.cell_of_point[first + i];
+      cell = -1;
       if (scratch.chord2[i] < 0) {
         ++(scratch.chord2[i] == no_half_vector ? statistics.no_half_vector
                                                : statistics.back_facing);
         continue;
       }
       ++statistics.points_tested;
-      const std::int32_t cell = setting.lookup.grid().cell(
-          setting.lookup.row(scratch.chord2[i]), setting.lookup.column(scratch.tangent2[i]));
-      if (setting.has_statistics(cell)) scratch.lit.push_back({points.index[first + i], cell});
+      const std::int32_t found =
+          lookup.grid().cell(lookup.row(scratch.chord2[i]), lookup.column(scratch.tangent2[i]));
+      if (!setting.has_statistics(found)) continue;
+      cell = found;
+      std::int32_t& tried = scratch.tried[static_cast<std::size_t>(found)];
+      if (tried >= most) continue;
+      ++tried;
+      scratch.lit.push_back({points.index[first + i], found});
     }
+  }
+}
+
+/// The points of cells that are still empty after first_tries of them, but for those, in
+/// scratch.lit.
+void find_others(const BinningSetting& setting, BinningScratch& scratch) {
+  scratch.lit.clear();
+  for (std::size_t i = 0; i < scratch.cell_of_point.size(); ++i) {
+    if (scratch.cell_of_point[i] < 0) continue;
+    const auto cell = static_cast<std::size_t>(scratch.cell_of_point[i]);
+    if (scratch.filled[cell] != 0) continue;
+    if (scratch.tried[cell]-- > 0) continue;
+    scratch.lit.push_back({setting.in_view.index[i], scratch.cell_of_point[i]});
   }
 }
 
@@ -103,13 +130,23 @@ void fill_by_all_rays(const BinningSetting& setting, const LightPosition& light,
 /// Near lamps, perspective views and the plain reference: every point is looked at.
 void fill_from_all_points(const BinningSetting& setting, const LightPosition& light,
                           BinningScratch& scratch, BinningStatistics& statistics) {
-  find_lit(setting, light, scratch, statistics);
-  if (!setting.casts_rays()) {
+  const bool all = setting.rays == ShadowRays::all;
+  const bool rays = setting.casts_rays();
+  find_lit(setting, light,
+           !rays ? 1
+           : all ? std::numeric_limits<std::int32_t>::max()
+                 : first_tries,
+           scratch, statistics);
+  if (!rays) {
     for (const LitPoint& lit : scratch.lit) scratch.filled[static_cast<std::size_t>(lit.key)] = 1;
-  } else if (setting.rays == ShadowRays::all) {
+  } else if (all) {
     fill_by_all_rays(setting, light, scratch, statistics);
   } else {
     fill_by_needed_rays(setting, light, scratch.filled.size(), scratch, statistics);
+    find_others(setting, scratch);
+    if (!scratch.lit.empty()) {
+      fill_by_needed_rays(setting, light, scratch.filled.size(), scratch, statistics);
+    }
   }
 }
 
@@ -172,13 +209,17 @@ void gather_in_view(BinningSetting& setting) {
     out.vy.push_back(v.y());
     out.vz.push_back(v.z());
   }
-  if (out.size() == 0) return;
+  if (out.size() == 0) {
+    out.pad();
+    return;
+  }
   setting.view = {out.vx[0], out.vy[0], out.vz[0]};
   setting.one_view = true;
   for (std::size_t i = 0; i < out.size() && setting.one_view; ++i) {
     setting.one_view = out.vx[i] == out.vx[0] && out.vy[i] == out.vy[0] && out.vz[i] == out.vz[0];
   }
   if (setting.one_view) setting.bundles = bundle_normals(out, 24);
+  out.pad();
 }
 
 }  // namespace

@@ -30,19 +30,28 @@ PackedRows pack(const BrdfBasis& basis, std::span<const std::int32_t> cells,
   rows.per_cell = basis.layout == ChannelLayout::stacked ? basis.channels : 1;
   const std::size_t count = cells.size() * static_cast<std::size_t>(rows.per_cell);
   rows.data.assign(count * static_cast<std::size_t>(rows.stride), 0.0);
-  // V lies by columns: eight of them at a time fill one line of the packed row.
-  for (int first = 0; first < rows.k; first += 8) {
-    const int last = std::min(rows.k, first + 8);
-    double* out = rows.data.data() + first;
-    for (const std::int32_t cell : cells) {
-      for (int c = 0; c < rows.per_cell; ++c, out += rows.stride) {
-        const double* in = basis.V.data() + basis.row(cell, c);
-        for (int j = first; j < last; ++j) {
-          const double v = in[j * basis.V.rows()];
-          out[j - first] = scale.empty() ? v : v * scale[static_cast<std::size_t>(j)];
+  // V lies by columns, a θd column's cells n_d apart: eight columns of V and eight of θd at a time
+  // use whole lines of both.
+  const int n_d = basis.grid.n_d;
+  for (std::size_t begin = 0; begin < cells.size();) {
+    std::size_t end = begin;
+    const int block = basis.grid.column_d(cells[begin]) / 8;
+    while (end < cells.size() && cells[end] % n_d / 8 == block) ++end;
+    for (int first = 0; first < rows.k; first += 8) {
+      const int last = std::min(rows.k, first + 8);
+      double* out = rows.data.data() +
+                    static_cast<std::ptrdiff_t>(begin) * rows.per_cell * rows.stride + first;
+      for (const std::int32_t cell : cells.subspan(begin, end - begin)) {
+        for (int c = 0; c < rows.per_cell; ++c, out += rows.stride) {
+          const double* in = basis.V.data() + basis.row(cell, c);
+          for (int j = first; j < last; ++j) {
+            const double v = in[j * basis.V.rows()];
+            out[j - first] = scale.empty() ? v : v * scale[static_cast<std::size_t>(j)];
+          }
         }
       }
     }
+    begin = end;
   }
   return rows;
 }
@@ -102,9 +111,14 @@ void CandidateGroups::group(const CandidateBins& bins, const std::vector<std::in
     count_[i] = static_cast<std::int32_t>(end - out);
     if (count_[i] == 0) continue;
     if (!std::is_sorted(out, end)) std::sort(out, end);
-    int& group = group_of_column[static_cast<std::size_t>(columns / count_[i])];
-    if (group < 0) group = groups_++;
-    group_of_[i] = group;
+    group_of_[i] = static_cast<int>(columns / count_[i]);
+    group_of_column[static_cast<std::size_t>(group_of_[i])] = 0;
+  }
+  for (int& group : group_of_column) {
+    if (group == 0) group = groups_++;
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    group_of_[i] = count_[i] > 0 ? group_of_column[static_cast<std::size_t>(group_of_[i])] : 0;
   }
   groups_ = std::max(1, groups_);
 }

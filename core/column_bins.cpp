@@ -7,6 +7,7 @@
 
 #include "core/binning_setting.h"
 #include "core/half_diff.h"
+#include "core/lanes.h"
 
 namespace lightrig {
 
@@ -26,7 +27,8 @@ void want(BinningScratch& scratch, int row, std::int32_t points, std::int32_t sk
 struct RowRange {
   int first, last;
 };
-RowRange wanted_between(const std::vector<std::uint64_t>& rows, int from, int to) {
+[[gnu::always_inline]] inline RowRange wanted_between(const std::vector<std::uint64_t>& rows,
+                                                      int from, int to) {
   RowRange range{to + 1, from - 1};
   for (int word = from / 64; word <= to / 64; ++word) {
     std::uint64_t bits = rows[static_cast<std::size_t>(word)];
@@ -39,43 +41,69 @@ RowRange wanted_between(const std::vector<std::uint64_t>& rows, int from, int to
   return range;
 }
 
-/// Walks the bundles whose normals may fill a row that is still wanted, and lists their lit points
-/// in wanted rows: as many as each row wants after those that it passes over. Whole bundles are
-/// left out where they can show nothing new. Returns the points walked.
+/// Walks the bundles whose normals may fill a row that is still wanted, eight points at a time, and
+/// lists their lit points in wanted rows: as many as each row wants after those that it passes
+/// over. What can show nothing new is left out. Returns the points walked.
+[[gnu::always_inline]] inline std::int64_t walk_body(const BinningSetting& setting,
+                                                     const LightPosition& light,
+                                                     const Eigen::Vector3d& h,
+                                                     BinningScratch& scratch,
+                                                     BinningStatistics& statistics) {
+  const CellLookup& lookup = setting.lookup;
+  const PointColumns& points = setting.in_view;
+  const double lx = light.p.x(), ly = light.p.y(), lz = light.p.z();
+  const double hx = h.x(), hy = h.y(), hz = h.z();
+  const double min_cos_i = setting.limits.min_cos_i;
+  std::int64_t walked = 0, lit_points = 0;
+  for (std::size_t b = 0; b < setting.bundles.size(); ++b) {
+    if (!(scratch.cosine[b] > 0) || scratch.cosine[b] < min_cos_i) continue;
+    const int from = lookup.row(scratch.least[b]), to = lookup.row(scratch.greatest[b]);
+    RowRange rows = wanted_between(scratch.wanted_rows, from, to);
+    const auto last = static_cast<std::size_t>(setting.bundles.first[b + 1]);
+    for (auto i = static_cast<std::size_t>(setting.bundles.first[b]);
+         i < last && rows.first <= rows.last; i += lane_width) {
+      const Lanes nx = lanes_at(points.nx.data() + i), ny = lanes_at(points.ny.data() + i),
+                  nz = lanes_at(points.nz.data() + i);
+      const Lanes cos_i = nx * lx + ny * ly + nz * lz;
+      const Lanes x = nx - hx, y = ny - hy, z = nz - hz;
+      const Lanes chord2 = x * x + y * y + z * z;  // half_chord2(), eight times
+      const auto lit = (cos_i > 0) & (cos_i >= min_cos_i);
+      const auto within = lit & (chord2 >= lookup.row_begin(rows.first)) &
+                          (chord2 < lookup.row_begin(rows.last + 1));
+      // What lies beyond `last` belongs to the next bundle.
+      const std::size_t count = std::min<std::size_t>(lane_width, last - i);
+      const unsigned mine = (1U << count) - 1;
+      walked += static_cast<std::int64_t>(count);
+      lit_points += std::popcount(bits_of(lit) & mine);
+      for (unsigned left = bits_of(within) & mine; left != 0; left &= left - 1) {
+        const int lane = std::countr_zero(left);
+        const int row = lookup.row(chord2[lane]);
+        const auto r = static_cast<std::size_t>(row);
+        if (scratch.wanted[r] == 0) continue;
+        if (scratch.skipped[r] > 0) {
+          --scratch.skipped[r];
+          continue;
+        }
+        scratch.lit.push_back({points.index[i + static_cast<std::size_t>(lane)], row});
+        if (--scratch.wanted[r] > 0) continue;
+        scratch.wanted_rows[r / 64] &= ~(std::uint64_t{1} << (r % 64));
+        rows = wanted_between(scratch.wanted_rows, from, to);
+      }
+    }
+  }
+  statistics.points_tested += lit_points;
+  statistics.back_facing += walked - lit_points;
+  return walked;
+}
+
 std::int64_t walk_bundles(const BinningSetting& setting, const LightPosition& light,
                           const Eigen::Vector3d& h, BinningScratch& scratch,
                           BinningStatistics& statistics) {
-  const CellLookup& lookup = setting.lookup;
-  std::int64_t walked = 0;
   scratch.lit.clear();
-  for (std::size_t b = 0; b < setting.bundles.size(); ++b) {
-    if (!(scratch.cosine[b] > 0) || scratch.cosine[b] < setting.limits.min_cos_i) continue;
-    const RowRange rows = wanted_between(scratch.wanted_rows, lookup.row(scratch.least[b]),
-                                         lookup.row(scratch.greatest[b]));
-    if (rows.first > rows.last) continue;
-    const auto first = static_cast<std::size_t>(setting.bundles.first[b]);
-    const auto last = static_cast<std::size_t>(setting.bundles.first[b + 1]);
-    walked += static_cast<std::int64_t>(last - first);
-    const BundleView view =
-        points_in_range(setting.in_view, first, last, light.p, h, setting.limits.min_cos_i,
-                        lookup.row_begin(rows.first), lookup.row_begin(rows.last + 1),
-                        scratch.place, scratch.place_chord2, setting.level);
-    statistics.points_tested += view.lit;
-    statistics.back_facing += static_cast<std::int64_t>(last - first) - view.lit;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(view.found); ++i) {
-      const int row = lookup.row(scratch.place_chord2[i]);
-      const auto r = static_cast<std::size_t>(row);
-      if (scratch.wanted[r] == 0) continue;
-      if (scratch.skipped[r] > 0) {
-        --scratch.skipped[r];
-        continue;
-      }
-      const auto place = static_cast<std::size_t>(scratch.place[i]);
-      scratch.lit.push_back({setting.in_view.index[place], row});
-      if (--scratch.wanted[r] == 0) scratch.wanted_rows[r / 64] &= ~(std::uint64_t{1} << (r % 64));
-    }
-  }
-  return walked;
+  return on_level(
+      setting.level, [&]() __attribute__((always_inline)) {
+        return walk_body(setting, light, h, scratch, statistics);
+      });
 }
 
 void prepare(const BinningSetting& setting, BinningScratch& scratch) {
@@ -87,12 +115,6 @@ void prepare(const BinningSetting& setting, BinningScratch& scratch) {
   scratch.cosine.resize(setting.bundles.size());
   scratch.least.resize(setting.bundles.size());
   scratch.greatest.resize(setting.bundles.size());
-  std::int32_t largest = 0;
-  for (std::size_t b = 0; b < setting.bundles.size(); ++b) {
-    largest = std::max(largest, setting.bundles.first[b + 1] - setting.bundles.first[b]);
-  }
-  scratch.place.resize(static_cast<std::size_t>(largest));
-  scratch.place_chord2.resize(static_cast<std::size_t>(largest));
 }
 
 }  // namespace

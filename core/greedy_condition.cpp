@@ -63,16 +63,18 @@ class ConditionChooser final : public LightChooser {
   /// Bounded by its group's pair; by its own after a few iterations; by its own, converged.
   enum class Stage : std::uint8_t { bounded, refined, converged, decided };
 
-  /// What candidates of one group share: a pair of unit vectors with |Rx|² and |Ry|², and the
-  /// energies of the group's cells along them.
-  struct Group {
+  /// A pair of unit vectors with |Rx|² and |Ry|², and the energies of cells along them.
+  struct Pair {
     std::vector<double> x, y;  ///< (stride), zeros at the end; empty until first looked at
     double low = 0, high = 0;
-    std::vector<double> of_x, of_y;  ///< (cells of the group)
-    std::vector<double> gram;        ///< of the group's unseen cells, for refinement only
-    std::size_t in_gram = 0;         ///< how many these were
-    bool looked_at = false;          ///< since a light was last taken
-    int next = -1;                   ///< candidate of least bound that is not decided
+    std::vector<double> of_x, of_y;
+  };
+  /// What candidates of one group share; its energies are of the cells of the group.
+  struct Group : Pair {
+    std::vector<double> gram;  ///< of the group's unseen cells, for refinement only
+    std::size_t in_gram = 0;   ///< how many these were
+    bool looked_at = false;    ///< since a light was last taken
+    int next = -1;             ///< candidate of least bound that is not decided
   };
   /// Memory that one worker uses again for every group.
   struct Work {
@@ -88,13 +90,14 @@ class ConditionChooser final : public LightChooser {
 
   void refine(int group, int candidate, int iterations, Work& work);
   void gather_information(int group, int candidate, Work& work);
-  bool refine_least(Group& group, double top, int iterations, Work& work) const;
+  bool refine_least(Pair& pair, double top, int iterations, Work& work) const;
   void refine_by_qr(Group& group, std::span<const std::int32_t> cells) const;
-  void measure_taken(Group& group) const;
+  void measure_taken(Pair& pair) const;
   void measure_cells(int group);
   void bound_members(int group, std::span<const int> members);
   double bound(int candidate) const;
   void first_look(const CandidateGroups::Distinct& distinct);
+  bool look_at_weakest();
   bool beyond_full_rank(int candidate) const;
   Standing decide(int candidate);
   void decide_deficient(const std::vector<int>& active, std::vector<Standing>& standings);
@@ -103,10 +106,11 @@ class ConditionChooser final : public LightChooser {
 
   CandidateGroups groups_;
   int k_, stride_, level_, threads_;
-  PackedRows R_;                     ///< QR factor of the rows taken, one row per "cell"
-  std::vector<std::int32_t> all_R_;  ///< 0, 1, … its rows
-  std::vector<double> gram_;         ///< RᵀR, upper triangle, for refinement only
+  PackedRows R_;              ///< QR factor of the rows taken, one row per "cell"
+  std::vector<double> gram_;  ///< RᵀR, upper triangle, for refinement only
   std::vector<Group> group_;
+  Pair weakest_;  ///< where the rows taken are weakest; energies of all packed cells
+  std::vector<std::int32_t> all_cells_;
   std::vector<Work> work_;
   std::vector<double> low_;    ///< (candidates) upper bound of λmin
   std::vector<double> high_;   ///< (candidates) lower bound of λmax
@@ -149,6 +153,10 @@ ConditionChooser::ConditionChooser(const BrdfBasis& basis, const CandidateBins& 
     work.own.assign(rows.data.size() / static_cast<std::size_t>(stride_ * rows.per_cell), 0);
     work.cells.reserve(work.own.size());
   }
+  all_cells_.resize(work_.front().own.size());
+  std::iota(all_cells_.begin(), all_cells_.end(), 0);
+  weakest_.of_x.resize(all_cells_.size());
+  weakest_.of_y.resize(all_cells_.size());
 }
 
 /// R of [R; rows of these cells], (min(rows, k) × stride).
@@ -197,8 +205,7 @@ void ConditionChooser::take(int candidate) {
   R_ = std::move(known->R);
   rank_ = known->rank;
   decisions_.clear();
-  all_R_.resize(R_.data.size() / static_cast<std::size_t>(stride_));
-  std::iota(all_R_.begin(), all_R_.end(), 0);
+  R_.per_cell = static_cast<int>(R_.data.size() / static_cast<std::size_t>(stride_));
   const std::span<const std::int32_t> added = groups_.take(candidate);
   add_gram(groups_.rows(), added, gram_, level_);
   for (Group& group : group_) {
@@ -207,14 +214,11 @@ void ConditionChooser::take(int candidate) {
 }
 
 /// |Rx|² and |Ry|².
-void ConditionChooser::measure_taken(Group& group) const {
-  group.low = group.high = 0;
-  for (const std::int32_t row : all_R_) {
-    double of_x = 0, of_y = 0;
-    cell_energies(R_, {&row, 1}, group.x, group.y, {&of_x, 1}, {&of_y, 1}, level_);
-    group.low += of_x;
-    group.high += of_y;
-  }
+void ConditionChooser::measure_taken(Pair& pair) const {
+  pair.low = pair.high = 0;
+  if (R_.data.empty()) return;
+  const std::int32_t all = 0;
+  cell_energies(R_, {&all, 1}, pair.x, pair.y, {&pair.low, 1}, {&pair.high, 1}, level_);
 }
 
 void ConditionChooser::measure_cells(int g) {
@@ -269,18 +273,18 @@ void ConditionChooser::refine_by_qr(Group& group, std::span<const std::int32_t> 
 
 /// x towards the least eigenvector of work.A by inverse iteration; false where Cholesky is not fit
 /// for it. `top` is about the greatest eigenvalue.
-bool ConditionChooser::refine_least(Group& group, double top, int iterations, Work& work) const {
+bool ConditionChooser::refine_least(Pair& pair, double top, int iterations, Work& work) const {
   std::copy(work.A.begin(), work.A.end(), work.R.begin());
   if (!cholesky(work.R, k_, stride_, level_)) return false;
   double last = infinity;
   for (int i = 0; i < iterations; ++i) {
-    std::copy(group.x.begin(), group.x.end(), work.z.begin());
+    std::copy(pair.x.begin(), pair.x.end(), work.z.begin());
     solve_with_factor(work.R, k_, stride_, work.z, level_);
     const double length = normalize(work.z);
     if (length == 0) return false;
-    const double quotient = dot(work.z, group.x) / length;
+    const double quotient = dot(work.z, pair.x) / length;
     if (!(quotient > 1e-10 * top)) return false;
-    group.x.swap(work.z);
+    pair.x.swap(work.z);
     if (last - quotient <= 1e-7 * quotient) break;
     last = quotient;
   }
@@ -355,29 +359,64 @@ double ConditionChooser::bound(int candidate) const {
   return (1 - 1e-11) * high_[i] / (least * least);
 }
 
-/// Every candidate's bound by its group's pair as it stands.
+/// The extreme vectors of the rows taken alone: most candidates do little for the weakest.
+bool ConditionChooser::look_at_weakest() {
+  if (R_.data.size() < gram_.size()) return false;
+  if (weakest_.x.empty()) {
+    const auto looked_at = std::find_if(group_.begin(), group_.end(),
+                                        [](const Group& group) { return !group.x.empty(); });
+    if (looked_at == group_.end()) return false;
+    weakest_.x = looked_at->x;
+    weakest_.y = looked_at->y;
+  }
+  Work& work = work_.front();
+  std::copy(gram_.begin(), gram_.end(), work.A.begin());
+  if (!refine_least(weakest_, 0, converging, work)) return false;
+  measure_taken(weakest_);
+  cell_energies(groups_.rows(), all_cells_, weakest_.x, weakest_.y, weakest_.of_x, weakest_.of_y,
+                level_);
+  return true;
+}
+
+/// Every candidate's bound by its group's pair as it stands, or a neighbour's where there is none,
+/// and by where the rows taken are weakest.
 void ConditionChooser::first_look(const CandidateGroups::Distinct& distinct) {
+  const bool weakest = look_at_weakest();
+  const Group* neighbour = nullptr;
+  for (int g = 0; g < groups_.groups(); ++g) {
+    Group& group = group_[static_cast<std::size_t>(g)];
+    group.looked_at = false;
+    group.next = -1;
+    if (group.x.empty() && !distinct.of_group(g).empty()) {
+      if (neighbour != nullptr) {
+        group.x = neighbour->x;
+        group.y = neighbour->y;
+        measure_taken(group);
+        measure_cells(g);
+      } else {
+        refine(g, -1, converging, work_.front());
+        group.looked_at = true;
+      }
+    }
+    if (!group.x.empty()) neighbour = &group;
+  }
   const int threads = distinct.candidates.size() >= many_candidates ? threads_ : 1;
-  parallel_ranges(groups_.groups(), 1, threads,
-                  [&](std::int64_t first, std::int64_t last, int worker) {
-                    for (int g = static_cast<int>(first); g < static_cast<int>(last); ++g) {
-                      Group& group = group_[static_cast<std::size_t>(g)];
-                      const std::span<const int> members = distinct.of_group(g);
-                      group.looked_at = false;
-                      group.next = -1;
-                      if (members.empty()) continue;
-                      for (const int i : members) {
-                        low_[static_cast<std::size_t>(i)] = infinity;
-                        high_[static_cast<std::size_t>(i)] = 0;
-                        stage_of(i) = Stage::bounded;
-                      }
-                      if (group.x.empty()) {
-                        refine(g, -1, converging, work_[static_cast<std::size_t>(worker)]);
-                        group.looked_at = true;
-                      }
-                      bound_members(g, members);
-                    }
-                  });
+  parallel_ranges(groups_.groups(), 1, threads, [&](std::int64_t first, std::int64_t last, int) {
+    for (int g = static_cast<int>(first); g < static_cast<int>(last); ++g) {
+      for (const int candidate : distinct.of_group(g)) {
+        const auto i = static_cast<std::size_t>(candidate);
+        stage_[i] = Stage::bounded;
+        low_[i] = weakest ? weakest_.low : infinity;
+        high_[i] = weakest ? weakest_.high : 0;
+        if (!weakest) continue;
+        for (const std::int32_t cell : groups_.fresh(candidate)) {
+          low_[i] += weakest_.of_x[static_cast<std::size_t>(cell)];
+          high_[i] += weakest_.of_y[static_cast<std::size_t>(cell)];
+        }
+      }
+      bound_members(g, distinct.of_group(g));
+    }
+  });
 }
 
 /// No candidate reaches full rank: the rank decides, and its bound is the number of rows.

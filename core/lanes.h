@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+
 namespace lightrig {
 
 /// Eight numbers, wherever they lie in memory. The compiler makes them one, two or four registers,
@@ -14,6 +16,15 @@ inline constexpr int lane_width = 8;
 
 [[gnu::always_inline]] inline double sum_of(const Lanes& v) {
   return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
+}
+
+using LaneMask [[gnu::vector_size(64)]] = std::int64_t;
+
+/// One bit per lane of a comparison.
+[[gnu::always_inline]] inline unsigned bits_of(const LaneMask& mask) {
+  const LaneMask bits = mask & LaneMask{1, 2, 4, 8, 16, 32, 64, 128};
+  return static_cast<unsigned>(((bits[0] | bits[1]) | (bits[2] | bits[3])) |
+                               ((bits[4] | bits[5]) | (bits[6] | bits[7])));
 }
 
 #if defined(__x86_64__)

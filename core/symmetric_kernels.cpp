@@ -131,24 +131,39 @@ constexpr int rows_together = 4;
   return true;
 }
 
+/// Forward and back substitution by blocks of eight: a block's own triangle in scalars, what it
+/// means for the others in whole vectors.
 [[gnu::always_inline]] inline void solve_body(const double* R, int k, int stride, double* x) {
-  for (int i = 0; i < k; ++i) {
-    const double* row = R + static_cast<std::ptrdiff_t>(i) * stride;
-    const double z = x[i] / row[i];
-    for (int j = i - i % width; j < stride; j += width) {
-      lanes_at(x + j) -= z * lanes_at(row + j);
+  for (int first = 0; first < k; first += width) {
+    const int block = std::min(width, k - first);
+    double z[width] = {};
+    for (int i = 0; i < block; ++i) {
+      double sum = x[first + i];
+      for (int q = 0; q < i; ++q) sum -= R[(first + q) * stride + first + i] * z[q];
+      z[i] = sum / R[(first + i) * stride + first + i];
     }
-    x[i] = z;
+    for (int i = 0; i < block; ++i) x[first + i] = z[i];
+    for (int j = first + width; j < stride; j += width) {
+      Lanes rest = lanes_at(x + j);
+      for (int i = 0; i < block; ++i) rest -= z[i] * lanes_at(R + (first + i) * stride + j);
+      lanes_at(x + j) = rest;
+    }
   }
-  for (int i = k - 1; i >= 0; --i) {
-    const double* row = R + static_cast<std::ptrdiff_t>(i) * stride;
-    const double own = x[i];
-    x[i] = 0;
-    Lanes sum{};
-    for (int j = i - i % width; j < stride; j += width) {
-      sum += lanes_at(row + j) * lanes_at(x + j);
+  for (int first = (k - 1) - (k - 1) % width; first >= 0; first -= width) {
+    const int block = std::min(width, k - first);
+    double z[width] = {};
+    for (int i = 0; i < block; ++i) {
+      Lanes sum{};
+      for (int j = first + width; j < stride; j += width) {
+        sum += lanes_at(R + (first + i) * stride + j) * lanes_at(x + j);
+      }
+      z[i] = x[first + i] - sum_of(sum);
     }
-    x[i] = (own - sum_of(sum)) / row[i];
+    for (int i = block - 1; i >= 0; --i) {
+      for (int q = i + 1; q < block; ++q) z[i] -= R[(first + i) * stride + first + q] * z[q];
+      z[i] /= R[(first + i) * stride + first + i];
+    }
+    for (int i = 0; i < block; ++i) x[first + i] = z[i];
   }
 }
 
