@@ -124,7 +124,8 @@ TableSpec simulation_table() {
        .range = {1, std::numeric_limits<double>::infinity(), false, true},
        .need = Need::defaulted,
        .fallback = "1",
-       .doc = "How many times faster than real the simulated rig lives; inf waits for nothing."},
+       .doc = "How many times faster than real waiting passes on the simulated rig (the host's own "
+              "work takes the time it takes); inf waits for nothing."},
       {.name = "arm_frequency_hz",
        .unit = units::hz,
        .range = {0, 1e6},

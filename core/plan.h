@@ -33,6 +33,12 @@ struct LeftOut {
   std::vector<std::string> drivers_not_opened;
 };
 
+/// SHA-256 of what a stored plan was made from, in hexadecimal; "" where it names none.
+struct PlanInputs {
+  std::string rig, session;     ///< of the files' bytes
+  std::string mesh, materials;  ///< of what was loaded
+};
+
 /// A light set and the way to it, computed before anything moves.
 struct Plan {
   Criterion criterion = Criterion::condition;
@@ -43,6 +49,7 @@ struct Plan {
   double mean_only_error_percent = 0;
   double predicted_capture_time = 0;  ///< [s]
   LeftOut left_out;
+  PlanInputs inputs;  ///< of a stored plan; empty for one just made
 };
 
 }  // namespace lightrig

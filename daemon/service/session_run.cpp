@@ -8,6 +8,7 @@
 #include "daemon/service/service.h"
 #include "daemon/service/status_json.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/plan_json.h"
 #include "daemon/session/reduction.h"
 #include "sim/open_devices.h"
 
@@ -72,6 +73,11 @@ Result<std::string> Service::do_session(SessionControl& control, const std::stri
   auto prepared = request.plan ? prepare_with_plan(rig, request.spec, *request.plan)
                                : prepare(rig, request.spec);
   if (!prepared) return refuse_session(with_context("plan session " + id, prepared.error()));
+  if (request.plan) {
+    if (auto same = check_made_for(*request.plan, *prepared); !same) {
+      return refuse_session(same.error());
+    }
+  }
   for (const std::string& remark : prepared->remarks)
     log_.debug("remark", {{"session", id}, {"text", remark}});
   if (control.stop_token().stop_requested())

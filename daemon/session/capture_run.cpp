@@ -47,7 +47,7 @@ CaptureRun::CaptureRun(const CaptureTools& tools, Journal journal, Captured capt
       captured_(std::move(captured)),
       hand_(tools.rig, tools.prepared.candidates, tools.devices, tools.clock,
             tools.control.stop_token()),
-      store_(tools.folder, tools.rig.camera.sensor.filter),
+      store_(tools.folder, tools.rig.camera.sensor),
       alongside_(tools.rig, tools.spec, tools.prepared, tools.folder),
       predicted_(capture_time(tools.rig, tools.spec, tools.prepared.plan)),
       began_(tools.clock.now()),

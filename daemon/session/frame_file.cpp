@@ -77,7 +77,8 @@ tl::unexpected<Error> bad_frame(const std::filesystem::path& path, const std::st
 
 }  // namespace
 
-Result<std::vector<std::byte>> encode_frame(const Frame& frame, ColorFilter filter) {
+Result<std::vector<std::byte>> encode_frame(const Frame& frame, const SensorModel& sensor,
+                                            const FrameFacts& facts) {
   const RawImage& raw = frame.counts;
   CHECK(raw.width > 0 && raw.height > 0);
   CHECK(raw.counts.size() ==
@@ -90,7 +91,12 @@ Result<std::vector<std::byte>> encode_frame(const Frame& frame, ColorFilter filt
   spec.attribute("ExposureTime", static_cast<float>(frame.exposure));
   // The exposure again as text: the standard attribute is single precision.
   spec.attribute("lightrig:exposure_s", fmt::format("{}", frame.exposure));
-  spec.attribute("lightrig:color_filter", std::string(name_of(filter)));
+  spec.attribute("lightrig:color_filter", std::string(name_of(sensor.filter)));
+  spec.attribute("lightrig:bits", sensor.bits);
+  spec.attribute("lightrig:black_level_dn", static_cast<float>(sensor.black_level));
+  spec.attribute("lightrig:gain_e_per_dn", static_cast<float>(sensor.gain));
+  if (!facts.file.empty()) spec.attribute("lightrig:frame", facts.file);
+  if (!facts.role.empty()) spec.attribute("lightrig:role", facts.role);
   return encode("exr", spec, OIIO::TypeDesc::UINT32, wide.data());
 }
 

@@ -9,10 +9,18 @@
 
 namespace lightrig {
 
-/// A frame as EXR bytes (OpenImageIO, one UINT channel "Y"; lossless; exposure and geometry of the
-/// mosaic as attributes; nothing that changes from run to run, so equal frames are equal bytes),
-/// encoded in memory.
-Result<std::vector<std::byte>> encode_frame(const Frame& frame, ColorFilter filter);
+/// What a frame shows, for whoever meets the file alone.
+struct FrameFacts {
+  std::string file;  ///< its place in the session folder, "frames/L03/e2.exr"
+  std::string role;  ///< as StoredFrame::role
+};
+
+/// A frame as EXR bytes (OpenImageIO, one UINT channel "Y", lossless), encoded in memory.
+/// Attributes: ExposureTime [s], and under lightrig: exposure_s (in full precision), color_filter,
+/// bits, black_level_dn, gain_e_per_dn, frame, role. Nothing that changes from run to run, so equal
+/// frames are equal bytes.
+Result<std::vector<std::byte>> encode_frame(const Frame& frame, const SensorModel& sensor,
+                                            const FrameFacts& facts = {});
 
 /// Reads a frame file back. The frame's id is not in the file: it stands in the sidecar.
 Result<Frame> read_frame(const std::filesystem::path& path);

@@ -31,9 +31,9 @@ std::string utc_now() {
                      fmt::gmtime(std::chrono::system_clock::to_time_t(now)), ms);
 }
 
-FrameStore::FrameStore(SessionFolder folder, ColorFilter filter)
+FrameStore::FrameStore(SessionFolder folder, SensorModel sensor)
     : folder_(std::move(folder)),
-      filter_(filter),
+      sensor_(sensor),
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
 FrameStore::~FrameStore() = default;
@@ -86,7 +86,7 @@ Result<std::vector<StoredFrame>> FrameStore::store() const {
   std::vector<StoredFrame> stored;
   for (const TakenFrame& taken : frames_) {
     const std::filesystem::path path = folder_.root / taken.file;
-    const auto bytes = encode_frame(taken.frame, filter_);
+    const auto bytes = encode_frame(taken.frame, sensor_, {taken.file, taken.role});
     if (!bytes) return tl::unexpected(with_context("store " + taken.file, bytes.error()));
     if (auto made = make_folder(path.parent_path()); !made) return tl::unexpected(made.error());
     if (auto written = write_durably(path, *bytes); !written) {

@@ -27,7 +27,7 @@ struct TakenFrame {
 /// to a full disk. Destroying it ends the thread, after the shot in hand.
 class FrameStore {
  public:
-  FrameStore(SessionFolder folder, ColorFilter filter);
+  FrameStore(SessionFolder folder, SensorModel sensor);
   ~FrameStore();
   FrameStore(const FrameStore&) = delete;
   FrameStore& operator=(const FrameStore&) = delete;
@@ -50,7 +50,7 @@ class FrameStore {
   Result<std::vector<StoredFrame>> store() const;
 
   SessionFolder folder_;
-  ColorFilter filter_;
+  SensorModel sensor_;
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
   std::vector<TakenFrame> frames_;  ///< written by begin() and collect() while not storing_

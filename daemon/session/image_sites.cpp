@@ -1,5 +1,6 @@
 #include "daemon/session/image_sites.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -34,26 +35,62 @@ std::vector<BlockSum> sum_blocks(const ImageSites& sites, const std::vector<floa
   return blocks;
 }
 
+// Rows and columns of sites, first and last.
+struct SiteBox {
+  int left = 0, top = 0, right = 0, bottom = 0;
+  int longest() const { return std::max(right - left, bottom - top) + 1; }
+};
+
+// Where the mesh falls on the sensor, by its vertices; the whole sensor when that cannot be said.
+SiteBox outline_of(const Mesh& mesh, const CameraModel& camera) {
+  Eigen::AlignedBox2d box;
+  for (Eigen::Index i = 0; i < mesh.vertices.cols(); ++i) {
+    const Eigen::Vector2d pixel = project(camera, mesh.vertices.col(i));
+    if (!pixel.allFinite()) return {0, 0, camera.width - 1, camera.height - 1};
+    box.extend(pixel);
+  }
+  const Eigen::Vector2d last(camera.width - 1, camera.height - 1);
+  const Eigen::Vector2d low = box.min().cwiseMax(0).cwiseMin(last);
+  const Eigen::Vector2d high = box.max().cwiseMax(0).cwiseMin(last);
+  return {static_cast<int>(low.x()), static_cast<int>(low.y()), static_cast<int>(high.x()),
+          static_cast<int>(high.y())};
+}
+
+// Of the sites that do see the object: their first row and column, made even so that the mosaic's
+// phase is kept.
+SiteBox extent_of(const SurfacePoints& points, int sensor_width) {
+  if (points.source.empty()) return {};
+  SiteBox box{std::numeric_limits<int>::max(), std::numeric_limits<int>::max(), 0, 0};
+  for (const int site : points.source) {
+    box.left = std::min(box.left, site % sensor_width);
+    box.right = std::max(box.right, site % sensor_width);
+    box.top = std::min(box.top, site / sensor_width);
+    box.bottom = std::max(box.bottom, site / sensor_width);
+  }
+  box.left -= box.left % 2;
+  box.top -= box.top % 2;
+  return box;
+}
+
 }  // namespace
 
 ImageSites image_sites(const Mesh& mesh, const Occluder& occluder, const CameraModel& camera,
                        ColorFilter filter, int most_pixels) {
   CHECK(most_pixels > 0 && camera.width > 0 && camera.height > 0);
+  constexpr int sites_across_block = 4;  // more would only smooth the noise further
   ImageSites sites;
   sites.filter = filter;
   sites.sensor_width = camera.width;
-  const int shrink = (std::max(camera.width, camera.height) + most_pixels - 1) / most_pixels;
-  if (filter == ColorFilter::mono) {
-    sites.stride = sites.block = shrink;
-  } else {
-    // An odd stride steps through all four phases of the mosaic; two steps make a block.
-    sites.stride = (shrink + 1) / 2;
-    if (sites.stride % 2 == 0) ++sites.stride;
-    sites.block = 2 * sites.stride;
-  }
-  sites.width = (camera.width + sites.block - 1) / sites.block;
-  sites.height = (camera.height + sites.block - 1) / sites.block;
+  sites.block = (outline_of(mesh, camera).longest() + most_pixels - 1) / most_pixels;
+  if (filter != ColorFilter::mono) sites.block += sites.block % 2;
+  sites.stride = (sites.block + sites_across_block - 1) / sites_across_block;
+  if (filter != ColorFilter::mono && sites.stride % 2 == 0) --sites.stride;
   sites.points = points_of_pixels(mesh, occluder, camera, sites.stride);
+  const SiteBox box = extent_of(sites.points, camera.width);
+  sites.left = box.left;
+  sites.top = box.top;
+  sites.width = (box.right - box.left) / sites.block + 1;
+  sites.height = (box.bottom - box.top) / sites.block + 1;
   return sites;
 }
 
@@ -102,12 +139,13 @@ std::vector<float> predicted_radiance(const ImageSites& sites, const BrdfLookup&
 LinearImage block_image(const ImageSites& sites, const std::vector<float>& radiance) {
   LinearImage image{sites.width, sites.height, {}};
   for (const BlockSum& block : sum_blocks(sites, radiance)) {
-    Eigen::Array3f pixel;
-    for (std::size_t c = 0; c < 3; ++c) {
+    Eigen::Array3f pixel = Eigen::Array3f::Constant(nan);
+    const bool all_colours = sites.filter == ColorFilter::mono
+                                 ? block.count[0] > 0
+                                 : std::ranges::all_of(block.count, [](int n) { return n > 0; });
+    for (std::size_t c = 0; all_colours && c < 3; ++c) {
       const std::size_t channel = sites.filter == ColorFilter::mono ? 0 : c;
-      pixel[static_cast<int>(c)] =
-          block.count[channel] > 0 ? static_cast<float>(block.sum[channel] / block.count[channel])
-                                   : nan;
+      pixel[static_cast<int>(c)] = static_cast<float>(block.sum[channel] / block.count[channel]);
     }
     image.pixels.push_back(pixel);
   }

@@ -13,18 +13,21 @@
 
 namespace lightrig {
 
-/// The sensor sites that a report's pictures are made of: on every `stride`-th row and column,
-/// gathered in square blocks that become one pixel each. A Bayer block holds all colours.
+/// The sensor sites that a report's pictures are made of: on every `stride`-th row and column of
+/// the part of the sensor that shows the object, gathered in square blocks that become one pixel
+/// each. A Bayer block holds all colours.
 struct ImageSites {
   SurfacePoints points;       ///< of the sites that see the object
+  int left = 0, top = 0;      ///< [sites] first column and row of the picture; even
   int width = 0, height = 0;  ///< of the picture [blocks]
-  int block = 1;              ///< [sites] edge of a block
+  int block = 1;              ///< [sites] edge of a block; even with a mosaic
   int stride = 1;             ///< odd with a mosaic, so that it meets every colour
   int sensor_width = 0;
   ColorFilter filter = ColorFilter::mono;
 
   std::size_t block_of(int site) const {
-    const int row = site / sensor_width / block, column = site % sensor_width / block;
+    const int row = (site / sensor_width - top) / block;
+    const int column = (site % sensor_width - left) / block;
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(width) +
            static_cast<std::size_t>(column);
   }
@@ -33,7 +36,7 @@ struct ImageSites {
   }
 };
 
-/// Sites for pictures at most `most_pixels` wide or high.
+/// Sites for pictures of the object at most `most_pixels` wide or high.
 ImageSites image_sites(const Mesh& mesh, const Occluder& occluder, const CameraModel& camera,
                        ColorFilter filter, int most_pixels);
 
@@ -47,7 +50,8 @@ std::vector<float> predicted_radiance(const ImageSites& sites, const BrdfLookup&
                                       const LightPosition& light, const Eigen::Array3d& strength,
                                       const Occluder& occluder, int threads);
 
-/// Block means as a colour image; blocks off the object are NaN.
+/// Block means as a colour image; blocks off the object, or with too little of it to show every
+/// colour, are NaN.
 LinearImage block_image(const ImageSites& sites, const std::vector<float>& radiance);
 
 /// (Σ predicted − Σ captured) / Σ captured per block; NaN off the object and where either is dark.

@@ -196,6 +196,12 @@ LeftOut left_out_of(const JsonCursor& at) {
   return left_out;
 }
 
+PlanInputs inputs_of(const JsonCursor& at) {
+  return {at["rig_sha256"].text(),
+          at["session_sha256"].is_null() ? std::string() : at["session_sha256"].text(),
+          at["mesh_sha256"].text(), at["materials_sha256"].text()};
+}
+
 /// The visiting order must name every light once, or a shot would be lost or taken twice.
 void check_order(const std::vector<int>& order, std::size_t shots, const JsonCursor& at) {
   std::vector<bool> seen(shots, false);
@@ -251,6 +257,19 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
   return json.dump(1) + "\n";
 }
 
+Result<void> check_made_for(const Plan& plan, const Prepared& prepared) {
+  std::string other;
+  if (plan.inputs.mesh != mesh_hash(prepared.object.mesh)) other = "another object";
+  if (plan.inputs.materials != materials_hash(prepared.materials)) {
+    other += other.empty() ? "other materials" : " and other materials";
+  }
+  if (other.empty()) return {};
+  return fail(ErrorCode::invalid_input,
+              fmt::format("use the given plan: it was made for {}, and would light what it does "
+                          "not know; plan again with this rig and session file",
+                          other));
+}
+
 Result<Plan> plan_from_json(const std::string& text) {
   const Json json = Json::parse(text, nullptr, false);
   if (json.is_discarded()) {
@@ -279,6 +298,7 @@ Result<Plan> plan_from_json(const std::string& text) {
   check_order(plan.visit_order, plan.shots.size(), root["visit_order"]);
   plan.left_out = left_out_of(root["left_out"]);
   plan.predicted_capture_time = root["cost"]["predicted_capture_s"].number();
+  plan.inputs = inputs_of(root["inputs"]);
   if (!problem.empty()) {
     return fail(ErrorCode::invalid_input, "read plan.json: " + problem + "; plan again");
   }

@@ -14,4 +14,8 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
 /// Reads plan.json back. Errors: invalid_input with the JSON path of what is wrong.
 Result<Plan> plan_from_json(const std::string& text);
 
+/// Whether a stored plan was made from what was loaded now: the same mesh and the same materials,
+/// by their hashes. Errors: invalid_input naming what differs.
+Result<void> check_made_for(const Plan& plan, const Prepared& prepared);
+
 }  // namespace lightrig

@@ -289,6 +289,40 @@ Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec) {
   return prepared;
 }
 
+/// A plan comes from a file: it may be another rig's, or changed by hand. The axes must put the
+/// lamp where extraction will believe it was, and the exposures be ones this session offers.
+Result<void> check_shot(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                        const Shot& shot) {
+  constexpr double nowhere = 1e-9, off = 1e-6;  // relative to the distance of the lamp
+  const auto index = static_cast<std::size_t>(shot.candidate);
+  if (index >= prepared.candidates.size() ||
+      (prepared.candidates[index].light.p - shot.light.p).norm() > nowhere * shot.light.p.norm()) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("candidate {} of this rig is not where the plan has it; the plan was "
+                            "made for another rig file: plan again",
+                            shot.candidate));
+  }
+  const bool right_axes =
+      shot.gantry.axes.size() == static_cast<Eigen::Index>(rig.gantry.model.axes.size()) &&
+      (light_at(rig.gantry.model, shot.gantry).p - shot.light.p).norm() <=
+          off * shot.light.p.norm();
+  if (!right_axes) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("its gantry_axes for candidate {} do not put the lamp at its own "
+                            "position; the file was changed: plan again",
+                            shot.candidate));
+  }
+  for (const double exposure : shot.exposures) {
+    if (std::ranges::find(spec.bracket.exposures, exposure) == spec.bracket.exposures.end()) {
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("candidate {} asks for an exposure of {} s, which [bracket] does "
+                              "not offer: plan again with this session's bracket",
+                              shot.candidate, exposure));
+    }
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force) {
@@ -305,15 +339,8 @@ Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, cons
   auto prepared = prepare_scene(rig, spec);
   if (!prepared) return prepared;
   for (const Shot& shot : plan.shots) {
-    const auto index = static_cast<std::size_t>(shot.candidate);
-    const bool same =
-        index < prepared->candidates.size() &&
-        (prepared->candidates[index].light.p - shot.light.p).norm() <= 1e-9 * shot.light.p.norm();
-    if (!same) {
-      return fail(ErrorCode::invalid_input,
-                  fmt::format("use the stored plan: candidate {} of this rig is not where the plan "
-                              "has it; the plan was made for another rig file: plan again",
-                              shot.candidate));
+    if (auto usable = check_shot(rig, spec, *prepared, shot); !usable) {
+      return tl::unexpected(with_context("use the stored plan", usable.error()));
     }
   }
   prepared->plan = plan;

@@ -78,7 +78,7 @@ Baselines baselines_of(const SessionRecord& record, const Prepared& prepared,
 void describe_session(const SessionRecord& record, const Reduction& reduction, int threads,
                       SessionResult& r) {
   const BrdfBasis& basis = reduction.basis();
-  r.session = record.folder.root.filename().string();
+  r.session = record.id;
   r.rig = record.rig.name;
   r.sample_id = record.spec.sample_id;
   r.operator_name = record.spec.operator_name;

@@ -28,13 +28,35 @@ bool is_data(const StoredFrame& frame) {
   return frame.role == "bracket" || frame.role == "metering";
 }
 
+// A frame as the journal names it: by its bytes, so that no other file can stand in for it.
+Result<Frame> read_journaled(const SessionFolder& folder, const StoredFrame& stored) {
+  const std::filesystem::path path = folder.root / stored.file;
+  const auto bytes = read_file(path);
+  if (!bytes) return tl::unexpected(bytes.error());
+  if (sha256_hex(*bytes) != stored.sha256) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("read frame '{}': these are not the bytes that the journal sealed: "
+                            "restore the file or retake the shot",
+                            stored.file));
+  }
+  auto frame = read_frame(path);
+  // The journal holds the exposure as applied.
+  if (frame && std::abs(frame->exposure - stored.exposure) > 1e-6 * stored.exposure) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("read frame '{}': it was exposed for {} s, the journal says {} s: "
+                            "restore the file or retake the shot",
+                            stored.file, frame->exposure, stored.exposure));
+  }
+  return frame;
+}
+
 // The files named, in order; `threads` files are decoded at a time.
 Result<std::vector<Frame>> read_frames(const SessionFolder& folder,
                                        const std::vector<StoredFrame>& stored, int threads) {
   std::vector<Result<Frame>> read(stored.size(), fail(ErrorCode::not_found, "not read"));
   const auto read_some = [&](std::size_t first, std::size_t stride) {
     for (std::size_t i = first; i < stored.size(); i += stride) {
-      read[i] = read_frame(folder.root / stored[i].file);
+      read[i] = read_journaled(folder, stored[i]);
     }
   };
   const auto stride = static_cast<std::size_t>(std::max(1, threads));
@@ -49,13 +71,6 @@ Result<std::vector<Frame>> read_frames(const SessionFolder& folder,
   frames.reserve(stored.size());
   for (std::size_t i = 0; i < stored.size(); ++i) {
     if (!read[i]) return tl::unexpected(read[i].error());
-    // The journal holds the exposure as applied; the file must agree or is not the one it names.
-    if (std::abs(read[i]->exposure - stored[i].exposure) > 1e-6 * stored[i].exposure) {
-      return fail(ErrorCode::invalid_input,
-                  fmt::format("read frame '{}': it was exposed for {} s, the journal says {} s: "
-                              "restore the file or retake the shot",
-                              stored[i].file, read[i]->exposure, stored[i].exposure));
-    }
     frames.push_back(std::move(*read[i]));
   }
   return frames;

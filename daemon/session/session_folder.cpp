@@ -79,7 +79,12 @@ void apply(const JournalEvent& event, const JsonCursor& at, Captured& captured) 
   }
 }
 
-Result<std::vector<InputFile>> inputs_of(const SessionFolder& folder) {
+struct Identity {
+  std::string id;
+  std::vector<InputFile> inputs;
+};
+
+Result<Identity> identity_of(const SessionFolder& folder) {
   const auto text = read_file(folder.session_json());
   if (!text) {
     return fail(text.error().code, fmt::format("'{}' is not a session folder: {}",
@@ -91,16 +96,16 @@ Result<std::vector<InputFile>> inputs_of(const SessionFolder& folder) {
   if (root["schema"].text() != "lightrig.session/1") {
     root["schema"].reject("is not lightrig.session/1");
   }
-  std::vector<InputFile> inputs;
+  Identity identity{root["id"].text(), {}};
   for (const JsonCursor& input : root["inputs"].items()) {
-    inputs.push_back(
+    identity.inputs.push_back(
         {input["role"].text(), input["file"].text(), input["from"].text(), input["sha256"].text()});
   }
   if (!problem.empty()) {
     return fail(ErrorCode::invalid_input,
                 fmt::format("read '{}': {}", folder.session_json().string(), problem));
   }
-  return inputs;
+  return identity;
 }
 
 /// The value a configuration file was read to, or its first error.
@@ -129,6 +134,21 @@ Result<void> read_configuration(SessionRecord& record) {
   return {};
 }
 
+/// plan.json names the files it was made from, by their bytes: a rig file changed afterwards would
+/// silently give another BRDF from the same frames.
+Result<void> check_configuration(const SessionRecord& record) {
+  const auto changed = [](const char* file) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("{} is not the one the session was captured with; restore it (its "
+                            "SHA-256 stands in plan.json)",
+                            file));
+  };
+  if (sha256_hex(record.rig.text) != record.plan.inputs.rig) return changed("rig.toml");
+  const std::string session = record.spec.text.empty() ? "" : sha256_hex(record.spec.text);
+  if (session != record.plan.inputs.session) return changed("session.toml");
+  return {};
+}
+
 }  // namespace
 
 std::string shot_name(const Plan& plan, int index) {
@@ -154,13 +174,14 @@ Result<Captured> captured_of(const std::vector<JournalEvent>& events) {
 Result<SessionRecord> read_session_folder(const fs::path& root) {
   SessionRecord record;
   record.folder.root = root;
-  const auto inputs = inputs_of(record.folder);
-  if (!inputs) return tl::unexpected(inputs.error());
+  auto identity = identity_of(record.folder);
+  if (!identity) return tl::unexpected(identity.error());
+  record.id = std::move(identity->id);
   const auto in_folder = [&](const Error& error) {
     return tl::unexpected(with_context("read session '" + root.string() + "'", error));
   };
   if (auto read = read_configuration(record); !read) return in_folder(read.error());
-  if (auto used = use_inputs(record.folder, *inputs, record.rig, record.spec); !used) {
+  if (auto used = use_inputs(record.folder, identity->inputs, record.rig, record.spec); !used) {
     return tl::unexpected(used.error());
   }
   const auto plan_text = read_file(record.folder.plan_json());
@@ -168,6 +189,7 @@ Result<SessionRecord> read_session_folder(const fs::path& root) {
   auto plan = plan_from_json(*plan_text);
   if (!plan) return in_folder(plan.error());
   record.plan = std::move(*plan);
+  if (auto unchanged = check_configuration(record); !unchanged) return in_folder(unchanged.error());
   auto replay = replay_journal(record.folder.journal());
   if (!replay) return in_folder(replay.error());
   auto captured = captured_of(replay->events);

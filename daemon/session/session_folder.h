@@ -56,6 +56,7 @@ struct SessionFolder {
 /// What a session folder holds, read back from it alone.
 struct SessionRecord {
   SessionFolder folder;
+  std::string id;  ///< as begun; the folder may have been renamed or copied since
   Rig rig;
   SessionSpec spec;
   Plan plan;

@@ -185,9 +185,10 @@ class LittleLab {
     }
     const std::string file = "frames/" + name + ".exr";
     const auto made = make_folder(root_ / "frames");
-    const auto written = write_durably(root_ / file, encode_frame(frame, sensor.filter).value());
+    const auto bytes = encode_frame(frame, sensor).value();
+    const auto written = write_durably(root_ / file, bytes);
     if (!made || !written) std::abort();
-    return {file, role, exposure, ""};
+    return {file, role, exposure, sha256_hex(bytes)};
   }
 
   std::filesystem::path root_;

@@ -127,6 +127,36 @@ TEST(Prepare, AStoredPlanIsTakenAsItIsAndRefusedOnAnotherRig) {
   EXPECT_THAT(refused.error().message, HasSubstr("plan again"));
 }
 
+TEST(Prepare, APlanChangedByHandIsRefusedBeforeAnythingMoves) {
+  const Scratch scratch;
+  const Rig rig = small_rig(scratch.path());
+  const auto stored = plan_from_json(plan_to_json(rig, spec_of(rig), small_plan()));
+  ASSERT_TRUE(stored) << stored.error().message;
+  Plan elsewhere = *stored, longer = *stored;
+  std::swap(elsewhere.shots[0].gantry, elsewhere.shots[1].gantry);
+  longer.shots[0].exposures.back() *= 1e9;
+  const auto moved = prepare_with_plan(rig, spec_of(rig), elsewhere);
+  ASSERT_FALSE(moved);
+  EXPECT_THAT(moved.error().message, HasSubstr("gantry_axes"));
+  const auto waiting = prepare_with_plan(rig, spec_of(rig), longer);
+  ASSERT_FALSE(waiting);
+  EXPECT_THAT(waiting.error().message, HasSubstr("[bracket] does not offer"));
+}
+
+TEST(Prepare, APlanForAnotherObjectOrOtherMaterialsIsSaid) {
+  const Scratch scratch;
+  const Rig rig = small_rig(scratch.path());
+  const auto stored = plan_from_json(plan_to_json(rig, spec_of(rig), small_plan()));
+  ASSERT_TRUE(stored) << stored.error().message;
+  const auto same = check_made_for(*stored, small_plan());
+  EXPECT_TRUE(same) << same.error().message;
+  Prepared other = small_plan();
+  other.object.mesh.vertices *= 1.1;
+  EXPECT_THAT(check_made_for(*stored, other).error().message, HasSubstr("another object"));
+  other.materials.pop_back();
+  EXPECT_THAT(check_made_for(*stored, other).error().message, HasSubstr("and other materials"));
+}
+
 TEST(Prepare, TheConditionNumberIsTakenOverTheComponentsThatMatter) {
   const Scratch scratch;
   const Rig rig = small_rig(scratch.path(), {{"a-optimal", "condition"}});
@@ -152,6 +182,7 @@ TEST(Prepare, AnObjectTheCameraCannotSeeIsSaidWithWhereItIs) {
   EXPECT_EQ(prepared.error().code, ErrorCode::invalid_input);
   EXPECT_THAT(prepared.error().message, HasSubstr("the camera sees no point"));
   EXPECT_THAT(prepared.error().message, HasSubstr("[camera]"));
+  EXPECT_THAT(prepared.error().message, HasSubstr("lies behind the camera"));
 }
 
 TEST(Prepare, ALampThatCanLightNothingIsSaidWithTheCounts) {

@@ -96,9 +96,15 @@ TEST(Reduction, RefusesAFrameThatIsNotTheOneTheJournalNames) {
   LittleLab lab(scratch.path());
   lab.plan({7, 11});
   Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, 1);
-  CapturedShot shot = lab.capture(0, unknown.reflectance(), bracket);
-  shot.frames[1].exposure *= 2;
-  const auto added = reduction.add(shot);
+  const CapturedShot shot = lab.capture(0, unknown.reflectance(), bracket);
+  CapturedShot misstated = shot, swapped = shot;
+  misstated.frames[1].exposure *= 2;
+  std::swap(swapped.frames[0].file, swapped.frames[1].file);
+  const auto foreign = reduction.add(swapped);
+  ASSERT_FALSE(foreign);
+  EXPECT_EQ(foreign.error().code, ErrorCode::invalid_input);
+  EXPECT_THAT(foreign.error().message, testing::HasSubstr("not the bytes"));
+  const auto added = reduction.add(misstated);
   ASSERT_FALSE(added);
   EXPECT_EQ(added.error().code, ErrorCode::invalid_input);
   EXPECT_THAT(added.error().message, testing::HasSubstr("the journal says"));
@@ -127,6 +133,40 @@ TEST(Reduction, KeepsFortyFiveComponentsForThePseudoInverse) {
   const Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, 1);
   EXPECT_EQ(reduction.basis().components(),
             std::min<Eigen::Index>(45, lab.prepared.fit_basis.components()));
+}
+
+TEST(Reduction, PicturesShowTheObjectAloneAndEveryColourOfIt) {
+  const Scratch scratch;
+  LittleLab lab(scratch.path(), ColorFilter::bayer_grbg);
+  const CameraModel& camera = lab.rig.camera.model;
+  const SurfacePoints all =
+      points_of_pixels(lab.prepared.object.mesh, *lab.prepared.occluder, camera, 1);
+  for (const int most : {40, 100, 1000}) {
+    const ImageSites sites = image_sites(lab.prepared.object.mesh, *lab.prepared.occluder, camera,
+                                         ColorFilter::bayer_grbg, most);
+    EXPECT_LE(std::max(sites.width, sites.height), most + 1);
+    EXPECT_EQ(sites.block % 2, 0);
+    EXPECT_EQ(sites.stride % 2, 1);
+    std::vector<int> seen(static_cast<std::size_t>(sites.width * sites.height), 0);
+    for (const int site : all.source) {
+      ASSERT_LT(sites.block_of(site), seen.size());
+      ++seen[sites.block_of(site)];
+    }
+    const LinearImage image = block_image(sites, std::vector<float>(sites.points.source.size(), 1));
+    int shown = 0;
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      const bool whole = seen[i] == sites.block * sites.block;
+      if (whole) {
+        EXPECT_TRUE((image.pixels[i] == 1).all()) << i;
+      }
+      if (seen[i] == 0) {
+        EXPECT_TRUE(image.pixels[i].isNaN().all()) << i;
+      }
+      EXPECT_EQ(image.pixels[i].isNaN().any(), image.pixels[i].isNaN().all());
+      if (whole) ++shown;
+    }
+    EXPECT_GT(shown, 0);
+  }
 }
 
 TEST(Reduction, PredictsTheImageItCaptured) {

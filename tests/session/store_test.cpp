@@ -35,6 +35,12 @@ Frame some_frame(int width, int height) {
   return frame;
 }
 
+SensorModel sensor_with(ColorFilter filter) {
+  SensorModel sensor;
+  sensor.filter = filter;
+  return sensor;
+}
+
 TEST(DurableFile, AppearsWholeAndLeavesNoPartBehind) {
   const Scratch scratch;
   const fs::path path = scratch.path() / "a.txt";
@@ -77,7 +83,7 @@ TEST(DurableFile, AFullDiskSaysNoSpaceAndKeepsTheOldFile) {
 TEST(FrameFile, KeepsEveryCountAndTheExposureToTheLastBit) {
   const Scratch scratch;
   const Frame frame = some_frame(37, 21);
-  const auto bytes = encode_frame(frame, ColorFilter::bayer_grbg);
+  const auto bytes = encode_frame(frame, sensor_with(ColorFilter::bayer_grbg));
   ASSERT_TRUE(bytes) << bytes.error().message;
   ASSERT_TRUE(write_durably(scratch.path() / "f.exr", *bytes));
   const auto back = read_frame(scratch.path() / "f.exr");
@@ -90,19 +96,19 @@ TEST(FrameFile, KeepsEveryCountAndTheExposureToTheLastBit) {
 
 TEST(FrameFile, EqualFramesAreEqualBytesAtAnyTimeAndWhateverTheirId) {
   Frame frame = some_frame(64, 48);
-  const auto first = encode_frame(frame, ColorFilter::mono);
+  const auto first = encode_frame(frame, sensor_with(ColorFilter::mono));
   const auto png = encode_png(2, 1, 3, {1, 2, 3, 4, 5, 6});
   std::this_thread::sleep_for(std::chrono::milliseconds(1100));  // a time stamp would have moved on
   frame.id = 99;
   ASSERT_TRUE(first);
-  EXPECT_EQ(*first, encode_frame(frame, ColorFilter::mono).value());
+  EXPECT_EQ(*first, encode_frame(frame, sensor_with(ColorFilter::mono)).value());
   ASSERT_TRUE(png) << png.error().message;
   EXPECT_EQ(*png, encode_png(2, 1, 3, {1, 2, 3, 4, 5, 6}).value());
 }
 
 TEST(FrameFile, ATruncatedOrForeignFileIsRefusedWithItsName) {
   const Scratch scratch;
-  const auto bytes = encode_frame(some_frame(64, 48), ColorFilter::mono);
+  const auto bytes = encode_frame(some_frame(64, 48), sensor_with(ColorFilter::mono));
   ASSERT_TRUE(bytes);
   for (const std::size_t keep : {std::size_t{0}, std::size_t{100}, bytes->size() - 1}) {
     ASSERT_TRUE(write_durably(scratch.path() / "cut.exr", std::span(*bytes).first(keep)));

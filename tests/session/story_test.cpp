@@ -142,6 +142,22 @@ TEST_F(Story, KeepsItsSealWhenReducedAgain) {
   EXPECT_THAT(report->findings, SizeIs(0));
 }
 
+TEST_F(Story, IsFoundSoundUnderAnotherName) {
+  const fs::path copy = session_.parent_path() / "renamed";
+  fs::copy(session_, copy, fs::copy_options::recursive);
+  const auto report = verify_session(copy, 1);
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_THAT(report->findings, SizeIs(0));
+}
+
+TEST_F(Story, IsNotReducedWithAnotherRigFile) {
+  const std::string text = read_file(session_ / "rig.toml").value();
+  ASSERT_TRUE(write_durably(session_ / "rig.toml", text + "# as if measured again\n"));
+  const auto reduced = reduce_session(session_, {}, 1);
+  ASSERT_FALSE(reduced);
+  EXPECT_THAT(reduced.error().message, HasSubstr("rig.toml is not the one"));
+}
+
 TEST_F(Story, NamesADamagedFrame) {
   fs::path frame;
   for (const auto& entry : fs::recursive_directory_iterator(session_ / "frames")) {

@@ -33,6 +33,40 @@ TEST(SimClock, AScaledClockRunsAtItsRateAndNeverWakesEarly) {
   EXPECT_LT(took, 2s);
 }
 
+TEST(SimClock, WorkBetweenSleepsTakesTheTimeItTakes) {
+  const auto clock = make_clock(1000);
+  const TimePoint start = clock->now();
+  const auto started = steady_clock::now();
+  std::this_thread::sleep_for(20ms);  // work, as far as the clock is concerned
+  const auto worked = clock->now() - start;
+  EXPECT_GE(worked, 20ms);
+  EXPECT_LE(worked, steady_clock::now() - started);
+  clock->sleep_until(start + 1h, {});
+  EXPECT_GE(clock->now(), start + 1h);
+  EXPECT_LE(clock->now() - start, 1h + (steady_clock::now() - started));
+}
+
+TEST(SimClock, TimeWaitsForASleeperThatWakesLate) {
+  const auto clock = make_clock(1000);
+  const TimePoint start = clock->now();
+  const auto started = steady_clock::now();
+  TimePoint first, second;
+  {
+    std::jthread early([&] {
+      clock->sleep_until(start + 10s, {});
+      first = clock->now();
+    });
+    std::jthread late([&] {
+      clock->sleep_until(start + 20s, {});
+      second = clock->now();
+    });
+  }
+  EXPECT_GE(first, start + 10s);
+  EXPECT_GE(second, start + 20s);
+  // Beyond the last end, time runs no faster than really.
+  EXPECT_LE(std::max(first, second), start + 20s + (steady_clock::now() - started));
+}
+
 TEST(SimClock, AStopRequestEndsEverySleepWithinTenMilliseconds) {
   for (const double rate : {1.0, 10.0}) {
     for (const auto length :
