@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -19,6 +20,22 @@ namespace {
 constexpr std::size_t worker_queue = 64;
 constexpr int heartbeat_ticks = 15;
 constexpr int disk_ticks = 5;
+
+// One service, one rig: the rig file is held for as long as this process lives, however it ends. In
+// memory every service has a rig of its own.
+Result<FileDescriptor> hold_rig(const std::filesystem::path& file) {
+  FileDescriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd.get() < 0)
+    return fail(ErrorCode::refused, fmt::format("cannot read the rig file {}: {}", file.string(),
+                                                std::strerror(errno)));
+  if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0)
+    return fail(
+        ErrorCode::refused,
+        fmt::format("the rig of {} is in use by another lightrigd; stop it first: two hands "
+                    "on one gantry collide",
+                    file.string()));
+  return fd;
+}
 
 Result<void> prepare_root(const std::filesystem::path& root) {
   std::error_code error;
@@ -74,6 +91,11 @@ Result<std::unique_ptr<Host>> Host::start(HostSettings settings, Log& log) {
   auto lock = LockFile::take(root / ".lightrigd.lock", "the session root " + root.string());
   if (!lock) return tl::unexpected(lock.error());
   host->root_lock_.emplace(std::move(*lock));
+  if (!settings.service.simulate) {
+    auto held = hold_rig(settings.service.rig.path);
+    if (!held) return tl::unexpected(held.error());
+    host->rig_lock_ = std::move(*held);
+  }
   host->service_ = std::make_unique<Service>(settings.service, log, host->hub_, host->liveness_);
   if (auto open = host->open_sockets(settings); !open) return tl::unexpected(open.error());
   return host;

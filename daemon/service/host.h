@@ -24,7 +24,8 @@ struct HostSettings {
 /// The service with its sockets: everything of lightrigd but the command line and the signals.
 class Host {
  public:
-  /// Errors: refused when the session root or the socket is another service's, or not writable.
+  /// Errors: refused when the session root, the socket or a real rig is another service's, or not
+  /// writable.
   static Result<std::unique_ptr<Host>> start(HostSettings settings, Log& log);
   ~Host();  ///< aborts what is under way, closes every connection
   Host(const Host&) = delete;
@@ -49,6 +50,7 @@ class Host {
   Liveness liveness_;
   EventHub hub_;
   std::optional<LockFile> root_lock_;
+  FileDescriptor rig_lock_;  ///< the rig file itself, where its devices are real
   std::unique_ptr<Service> service_;
   std::optional<UnixListener> unix_listener_;
   ApiGuard guard_;

@@ -11,6 +11,17 @@ namespace {
 
 constexpr std::size_t records_kept = 16;
 
+// An id that no session has yet: two may begin in one second, and a clock that is set back tells
+// the same time again.
+std::string free_id(const std::filesystem::path& root, const SessionSpec& spec) {
+  const std::string first = make_session_id(spec, std::chrono::system_clock::now());
+  std::string id = first;
+  std::error_code error;
+  for (int n = 2; std::filesystem::exists(root / id, error); ++n)
+    id = fmt::format("{}-{}", first, n);
+  return id;
+}
+
 }  // namespace
 
 std::string_view name_of(SessionVerb verb) {
@@ -212,7 +223,7 @@ Result<std::uint64_t> Service::snap(const Caller& caller, double exposure, bool 
 }
 
 Result<std::string> Service::start(const Caller& caller, StartRequest request) {
-  const std::string id = make_session_id(request.spec, std::chrono::system_clock::now());
+  const std::string id = free_id(settings_.rig.session_root, request.spec);
   {
     const std::lock_guard lock(mutex_);
     if (!request.key.empty() && request.key == start_key_ && session_) return session_->id;
