@@ -79,6 +79,17 @@ std::vector<Found> usb_devices() {
   return found;
 }
 
+// Cameras are asked for by broadcast; none is opened.
+std::vector<Found> cameras() {
+  std::vector<Found> found;
+  const auto answered = find_cameras();
+  if (!answered) return found;  // not in this build: `lightrig backends` says so
+  for (const FoundCamera& camera : *answered)
+    found.push_back({"camera", camera.address,
+                     fmt::format("{} serial {}", camera.id, camera.serial), camera.obstacle});
+  return found;
+}
+
 // A rig's own devices are opened and given back: nothing moves, no lamp is lit.
 int try_rig(const std::string& path) {
   const RigFiles files = read_rig_files(path, "");
@@ -96,6 +107,7 @@ int try_rig(const std::string& path) {
 int devices(const DevicesOptions& options) {
   std::vector<Found> found = serial_ports();
   for (Found& one : usb_devices()) found.push_back(std::move(one));
+  for (Found& one : cameras()) found.push_back(std::move(one));
   if (options.json) {
     Json list = Json::array();
     for (const Found& one : found)
@@ -108,7 +120,7 @@ int devices(const DevicesOptions& options) {
       rows.push_back({one.kind + "  " + one.name, one.what,
                       one.obstacle.empty() ? "can be opened" : one.obstacle});
     if (rows.empty())
-      say("no serial port and no USB device is there");
+      say("no serial port, no USB device and no camera is there");
     else
       say(table({"device", "what it says", "opening it"}, rows));
   }

@@ -61,9 +61,9 @@ TableSpec aravis_table() {
   t.keys = {
       {.name = "id",
        .kind = ValueKind::text,
-       .doc =
-           "Aravis id (\"Vendor-Serial\"), serial number, or IP address; `lightrig devices` lists "
-           "them. On a host with several networks use the address."},
+       .doc = "Aravis id (\"Vendor-Model-Serial\"), serial number, or IP address; `lightrig "
+              "devices` lists "
+              "them. On a host with several networks use the address."},
       {.name = "interface_ip",
        .kind = ValueKind::text,
        .need = Need::defaulted,
@@ -104,7 +104,7 @@ TableSpec aravis_table() {
        .range = {1, 65535},
        .need = Need::defaulted,
        .fallback = "3956",
-       .doc = "GVCP port; other than 3956 only against a simulator."},
+       .doc = "GVCP port: cameras listen at 3956, and Aravis asks nowhere else."},
   };
   t.tables = {{.name = "features",
                .need = Need::optional,

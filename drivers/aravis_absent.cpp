@@ -13,6 +13,10 @@ Result<std::unique_ptr<Camera>> open_camera(const Rig&, const AravisCamera&, Clo
   return fail(ErrorCode::not_built, std::string("GigE Vision camera: ") + remedy);
 }
 
+Result<std::vector<FoundCamera>> find_cameras() {
+  return fail(ErrorCode::not_built, std::string("GigE Vision cameras: ") + remedy);
+}
+
 Backend aravis_backend() { return {"aravis", false, remedy}; }
 
 }  // namespace lightrig

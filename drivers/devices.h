@@ -76,6 +76,19 @@ struct Devices {
 /// Opens the hardware that the rig file names, and nothing else.
 Result<Devices> open_devices(const Rig& rig, Clock& clock);
 
+/// A camera that answered discovery.
+struct FoundCamera {
+  std::string id;       ///< what [camera.aravis] id may say, besides the address and the serial
+  std::string address;  ///< IPv4
+  std::string serial;
+  std::string hardware_address;  ///< MAC
+  std::string obstacle;          ///< what would keep this process from receiving; "" nothing known
+};
+
+/// The GigE Vision cameras on this host's networks. Takes a second, takes control of none. Errors:
+/// not_built.
+Result<std::vector<FoundCamera>> find_cameras();
+
 /// What this build contains: one line per backend, with the remedy where it is absent.
 struct Backend {
   std::string name;  ///< "modbus", "usb", "aravis"

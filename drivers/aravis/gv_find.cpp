@@ -5,6 +5,8 @@
 #include <vector>
 
 #include "drivers/aravis/gv_error.h"
+#include "drivers/aravis/gv_preflight.h"
+#include "drivers/devices.h"
 
 namespace lightrig {
 namespace {
@@ -43,25 +45,22 @@ Result<GRef<ArvCamera>> open_known(const std::string& id) {
   return camera;
 }
 
-struct Found {
-  std::string id, serial, address, hardware_address;
-};
-
-std::vector<Found> discover() {
+std::vector<FoundCamera> discover() {
   const auto copy = [](const char* text) { return std::string(text ? text : ""); };
   arv_update_device_list();
-  std::vector<Found> cameras;
+  std::vector<FoundCamera> cameras;
   for (unsigned i = 0; i < arv_get_n_devices(); ++i) {
     if (copy(arv_get_device_protocol(i)) != "GigEVision") continue;
-    cameras.push_back({copy(arv_get_device_id(i)), copy(arv_get_device_serial_nbr(i)),
-                       copy(arv_get_device_address(i)), copy(arv_get_device_physical_id(i))});
+    cameras.push_back({copy(arv_get_device_id(i)), copy(arv_get_device_address(i)),
+                       copy(arv_get_device_serial_nbr(i)), copy(arv_get_device_physical_id(i)),
+                       ""});
   }
   return cameras;
 }
 
-std::string list_of(const std::vector<Found>& cameras) {
+std::string list_of(const std::vector<FoundCamera>& cameras) {
   std::string text;
-  for (const Found& camera : cameras)
+  for (const FoundCamera& camera : cameras)
     text += fmt::format("{}{} at {}", text.empty() ? "" : ", ", camera.id, camera.address);
   return text.empty() ? "none" : text;
 }
@@ -82,9 +81,9 @@ Result<GRef<ArvCamera>> find_camera(const AravisCamera& backend) {
   if (const GRef<GInetAddress> device = ipv4(backend.id))
     return host ? open_through(host.get(), device.get()) : open_known(backend.id);
   if (backend.id.empty()) return open_known("");
-  std::vector<Found> all = discover();
-  std::vector<Found> fitting;
-  for (const Found& camera : all)
+  const std::vector<FoundCamera> all = discover();
+  std::vector<FoundCamera> fitting;
+  for (const FoundCamera& camera : all)
     if (camera.id == backend.id || camera.serial == backend.id ||
         camera.hardware_address == backend.id)
       fitting.push_back(camera);
@@ -100,6 +99,14 @@ Result<GRef<ArvCamera>> find_camera(const AravisCamera& backend) {
   if (!host) return open_known(fitting.front().id);
   const GRef<GInetAddress> device = ipv4(fitting.front().address);
   return open_through(host.get(), device.get());
+}
+
+Result<std::vector<FoundCamera>> find_cameras() {
+  std::vector<FoundCamera> cameras = discover();
+  const auto receiving = check_receiving(AravisCamera{});
+  for (FoundCamera& camera : cameras)
+    if (!receiving) camera.obstacle = receiving.error().message;
+  return cameras;
 }
 
 }  // namespace lightrig

@@ -275,10 +275,12 @@ Result<void> GvSession::create_stream() {
   lost_before_ = static_cast<std::int64_t>(so_far.packets_lost);
   stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, &error));
   if (!stream_) return gv_fail("open the stream", error);
-  // Every packet that is missing is asked for again, however many there are.
+  // Every packet that is missing is asked for again, however many there are, and for half a second:
+  // Aravis' own tenth gives frames up when the host is busy.
   g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
                "socket-buffer-size", backend_.socket_buffer_bytes, "packet-resend",
-               ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-request-ratio", 1.0, nullptr);
+               ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-request-ratio", 2.0, "frame-retention",
+               500000, nullptr);
   const guint payload = arv_camera_get_payload(camera_.get(), &error);
   if (error) return gv_fail("read the payload size", error);
   for (int i = 0; i < 4; ++i)

@@ -11,9 +11,9 @@
 namespace lightrig {
 namespace {
 
-/// Time a frame may need beyond exposure and readout: leader, packets, one round of resends,
-/// scheduling.
-constexpr std::chrono::milliseconds transfer_margin{1500};
+/// Time a frame may need beyond exposure and readout: leader, packets, rounds of resends, a busy
+/// host. The session waits two seconds longer, so that the reason given is this driver's.
+constexpr std::chrono::milliseconds transfer_margin{3000};
 /// An exposure read back may differ by the camera's own steps.
 constexpr double exposure_tolerance = 0.01;
 constexpr double exposure_step_s = 2e-6;
@@ -122,6 +122,7 @@ Result<void> GvSession::trigger() {
 
 bool GvSession::is_stale(ArvBuffer* buffer) const {
   if (latch_command_.empty() || check_latch_) return false;
+  if (arv_buffer_get_frame_id(buffer) == 0) return false;  // no leader came: it has no time
   const std::uint64_t timestamp = arv_buffer_get_timestamp(buffer);
   return timestamp != 0 && timestamp < triggered_at_;
 }

@@ -89,7 +89,7 @@ TEST_F(AravisPeer, ASecondControllerIsRefused) {
 TEST_F(AravisPeer, AStopRequestEndsAnExposureAtOnceEvenWhenTheCameraIsDead) {
   auto camera = open();
   ASSERT_TRUE(camera) << camera.error().message;
-  fake_->signal(SIGSTOP);  // every register call now blocks for seconds
+  fake_->freeze();  // every register call now blocks for seconds
   std::jthread stopper([&] {
     std::this_thread::sleep_for(200ms);
     stop_.request_stop();

@@ -35,6 +35,11 @@ class ChildProcess {
     pid_ = -1;
   }
   void signal(int number) const { kill(pid_, number); }
+  /// Stops it, and returns only once every thread of it stands still.
+  void freeze() const {
+    kill(pid_, SIGSTOP);
+    waitpid(pid_, nullptr, WUNTRACED);
+  }
   bool running() const { return pid_ > 0 && waitpid(pid_, nullptr, WNOHANG) == 0; }
 
  private:

@@ -107,6 +107,20 @@ TEST_F(GvOpen, AnUnknownSerialNumberIsAnsweredWithTheCamerasThatAreThere) {
   expect_failure(ErrorCode::not_found, {"GX-4711", "lightrig-Simulated-SIM1 at 127.0.0.1"});
 }
 
+TEST_F(GvOpen, CamerasAreListedWithoutTakingControlOfAny) {
+  const auto held = open();
+  ASSERT_TRUE(held) << held.error().message;
+  const auto found = find_cameras();
+  ASSERT_TRUE(found) << found.error().message;
+  ASSERT_EQ(found->size(), 1U);
+  EXPECT_EQ(found->front().id, "lightrig-Simulated-SIM1");
+  EXPECT_EQ(found->front().address, "127.0.0.1");
+  EXPECT_EQ(found->front().serial, "SIM1");
+  EXPECT_EQ(found->front().obstacle.find("sysctl") != std::string::npos,
+            test::receive_ceiling() < AravisCamera{}.socket_buffer_bytes);
+  EXPECT_TRUE((*held)->expose(0.01, soon(5)));
+}
+
 TEST_F(GvOpen, ACameraThatNumbersItsFramesAnewFromEveryStartStillGivesEveryFrame) {
   faults_->number_anew_from_every_start();
   const auto camera = open();

@@ -67,7 +67,8 @@ TEST_F(GvPeer, AravisConformityTestPassesInEveryLine) {
 
 TEST_F(GvPeer, PlainAravisStreamsWithoutAnErrorWhileOnePercentIsLost) {
   faults_->lose(0.01, true, 5);
-  const Ran ran = run("arv-camera-test-0.8 -n 127.0.0.1 -e 1000 -i 1500 -f 20 --duration 3");
+  const Ran ran =
+      run("arv-camera-test-0.8 -n 127.0.0.1 -e 1000 -i 1500 -f 20 -q 2.0 -m 2000 --duration 3");
   std::smatch completed;
   ASSERT_TRUE(
       std::regex_search(ran.output, completed, std::regex("n_completed_buffers *[:=] *([0-9]+)")))
