@@ -57,7 +57,7 @@ const std::vector<Room> rooms = {
     {"cli",
      {"core", "config", "drivers", "sim", "daemon/session", "study"},
      {"CLI/", "curl/", "nlohmann/", "sys/", "unistd.h", "spdlog/", "signal.h", "libusb", "fcntl.h",
-      "poll.h", "termios.h"},
+      "poll.h", "termios.h", "spawn.h"},
      {"CLI/", "nlohmann/"}},
 };
 
