@@ -39,7 +39,8 @@ std::string baseline_words(const Json& baselines) {
   const Json& random = part(baselines, "random_lights");
   if (random.is_object())
     words += fmt::format(
-        "as many random lights          {} by MAP, {} by the published estimator (median of {})\n",
+        "as many random lights          {} by MAP, {} by the published estimator (medians of {} "
+        "sets, through the simulated camera)\n",
         percent(number(random, "map_percent")), percent(number(random, "pseudo_inverse_percent")),
         random.value("sets", 0));
   return words;

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "config/read_bytes.h"
+#include "core/azimuth_model.h"
 #include "core/builtin_materials.h"
 
 namespace lightrig {
@@ -28,7 +29,7 @@ Result<LoadedMaterials> load_builtin(const MaterialsConfig& config) {
     else
       used.push_back(&m);
   }
-  loaded.materials = builtin_tables(used, BivariateGrid{}, phi_samples);
+  loaded.materials = builtin_tables(used, BivariateGrid{}, phi_samples, true);
   return loaded;
 }
 
@@ -48,7 +49,8 @@ Loaded load_file(const fs::path& file) {
   const auto table = decode_merl(*bytes, findings);
   if (!table) return left_out(table.error().message);
   Loaded loaded;
-  loaded.material = Material{name, "", file.filename().string(), to_bivariate(*table)};
+  loaded.material = Material{name, "", file.filename().string(), to_bivariate(*table),
+                             azimuth_departures(*table)};
   if (!(loaded.material->table.f.isFinite()).any()) return left_out("it holds no valid value");
   const std::size_t bad = findings.negative + findings.not_a_number;
   if (findings.not_a_number > 0)

@@ -58,6 +58,9 @@ struct Material {
   std::string family;  ///< e.g. "metal", "plastic"; "" where unknown
   std::string source;  ///< citation or file name
   BrdfTable table;
+  /// (cells · bins × C) ln f at a share of φd less ln of the table's mean over φd
+  /// [azimuth_model.h]; empty where the source has no φd.
+  Eigen::ArrayXXf azimuth = {};
 };
 
 }  // namespace lightrig

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/azimuth_model.h"
 #include "core/builtin_families.h"
 
 namespace lightrig {
@@ -57,13 +58,16 @@ const BuiltinMaterial* find_builtin(const std::string& name) {
 }
 
 std::vector<Material> builtin_tables(std::span<const BuiltinMaterial* const> materials,
-                                     const BivariateGrid& grid, int n_phi) {
+                                     const BivariateGrid& grid, int n_phi, bool with_azimuths) {
   const ConfigurationGrid configurations = configuration_grid(grid, n_phi);
   std::vector<Material> tables;
   tables.reserve(materials.size());
-  for (const BuiltinMaterial* material : materials)
+  for (const BuiltinMaterial* material : materials) {
+    const Eigen::ArrayXXd each = material->model->tabulate_each(configurations);
     tables.push_back({material->name, material->family, material->source,
-                      material->model->tabulate(configurations)});
+                      cell_means(each, configurations),
+                      with_azimuths ? azimuth_departures(each, grid.cells()) : Eigen::ArrayXXf()});
+  }
   return tables;
 }
 

@@ -27,9 +27,10 @@ const BuiltinMaterial* find_builtin(const std::string& name);
 
 /// Materials of the set tabulated for training, means over n_phi values of φd spread over those for
 /// which both directions are above the horizon: unlike tabulate(), every cell has a value. About
-/// 1.5 ms a material on 90 × 90 × 16.
+/// 2 ms a material on 90 × 90 × 16. With `with_azimuths` also how f runs with φd [azimuth_model.h].
 std::vector<Material> builtin_tables(std::span<const BuiltinMaterial* const> materials,
-                                     const BivariateGrid& grid, int n_phi);
+                                     const BivariateGrid& grid, int n_phi,
+                                     bool with_azimuths = false);
 std::vector<Material> builtin_tables(const BivariateGrid& grid, int n_phi);  ///< the whole set
 
 }  // namespace lightrig

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "core/check.h"
+#include "core/planner_kernels.h"
 
 namespace lightrig {
 namespace {
@@ -123,13 +124,21 @@ struct Merger {
   float shortest = 0;  ///< [s]
   RadianceImage* image = nullptr;
 
+  int level = 2;  ///< of the processor
+
   void merge_block(std::size_t first, std::size_t n, const float* per_electron) const;
 };
 
 /// Maximum likelihood of the electron rate φ [e⁻/s] of each site: Σ t x/v(φ) / Σ t²/v(φ) with
 /// v(φ) = φt + σ², re-weighted from its own estimate. Because the weights follow the common φ and
 /// never a frame's own count, the estimating equation has no bias.
-void Merger::merge_block(std::size_t first, std::size_t n, const float* per_electron) const {
+[[gnu::always_inline]] inline void merge_body(const Merger& merger, std::size_t first,
+                                              std::size_t n, const float* per_electron) {
+  const std::vector<Exposure>& exposures = merger.exposures;
+  const SensorModel* sensor = merger.sensor;
+  const MergeOptions* options = merger.options;
+  RadianceImage* image = merger.image;
+  const float full_counts = merger.full_counts, shortest = merger.shortest;
   const std::size_t frames = exposures.size();
   const auto gain = static_cast<float>(sensor->gain);
   alignas(64) float x[most_frames][block];  // [e⁻]
@@ -189,6 +198,28 @@ void Merger::merge_block(std::size_t first, std::size_t n, const float* per_elec
   }
 }
 
+// One rounding per operation on any processor: the same bits from each of these.
+#if defined(__x86_64__)
+[[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] void merge_v4(const Merger& merger,
+                                                                        std::size_t first,
+                                                                        std::size_t n,
+                                                                        const float* per_electron) {
+  merge_body(merger, first, n, per_electron);
+}
+[[gnu::target("arch=x86-64-v3")]] void merge_v3(const Merger& merger, std::size_t first,
+                                                std::size_t n, const float* per_electron) {
+  merge_body(merger, first, n, per_electron);
+}
+#endif
+
+void Merger::merge_block(std::size_t first, std::size_t n, const float* per_electron) const {
+#if defined(__x86_64__)
+  if (level >= 4) return merge_v4(*this, first, n, per_electron);
+  if (level == 3) return merge_v3(*this, first, n, per_electron);
+#endif
+  merge_body(*this, first, n, per_electron);
+}
+
 /// Runs rows [begin, end) of the image in blocks.
 void merge_rows(const Merger& merger, int begin, int end) {
   const RadianceImage& image = *merger.image;
@@ -243,6 +274,7 @@ Result<RadianceImage> merge_hdr(std::span<const Frame> bracket, std::span<const 
 
   const std::vector<DarkMean> darks = dark_means(bracket, dark);
   Merger merger{describe(bracket, darks, sensor), &sensor, &options, 0, 0, &image};
+  merger.level = vector_level();
   merger.full_counts = saturation_counts(sensor, options.saturation_margin);
   merger.shortest = std::min_element(merger.exposures.begin(), merger.exposures.end(),
                                      [](const Exposure& a, const Exposure& b) { return a.t < b.t; })

@@ -280,12 +280,13 @@ Array3d LayeredReflectance::operator()(const HalfDiff& angles) const {
   return f;
 }
 
-BrdfTable LayeredReflectance::tabulate(const ConfigurationGrid& configurations) const {
+Eigen::ArrayXXd LayeredReflectance::tabulate_each(const ConfigurationGrid& configurations) const {
   const BivariateGrid& grid = configurations.grid;
-  const auto per_cell = static_cast<std::size_t>(configurations.per_cell);
-  BrdfTable table{grid, Eigen::ArrayXXd::Zero(grid.cells(), 3)};
+  const int per_cell = configurations.per_cell;
+  Eigen::Array<double, 3, Eigen::Dynamic> values =
+      Eigen::Array<double, 3, Eigen::Dynamic>::Zero(3, Eigen::Index{grid.cells()} * per_cell);
   const auto first_of = [&](int cell) {
-    return &configurations.at[static_cast<std::size_t>(cell) * per_cell];
+    return &configurations.at[static_cast<std::size_t>(cell) * static_cast<std::size_t>(per_cell)];
   };
   for (const PreparedLobe& prepared : lobes_) {
     Eigen::Array<double, 3, Eigen::Dynamic> columns(3, grid.n_d);
@@ -293,29 +294,37 @@ BrdfTable LayeredReflectance::tabulate(const ConfigurationGrid& configurations) 
       columns.col(i_d) = column_factor(prepared.lobe, first_of(grid.cell(0, i_d))->cos_d);
     for (int cell = 0; cell < grid.cells(); ++cell) {
       const Configuration* c = first_of(cell);
-      const double row = row_factor(prepared.lobe, c->sin2_h, c->cos_h) / configurations.per_cell;
-      Array3d mean = Array3d::Zero();
-      if (prepared.layer == 0) {
-        double sum = 0;
-        for (std::size_t k = 0; k < per_cell; ++k) sum += geometry(prepared, c[k]);
-        mean.setConstant(sum);
-      } else {
-        for (std::size_t k = 0; k < per_cell; ++k)
-          mean += geometry(prepared, c[k]) * through(prepared.layer, c[k]);
+      const Array3d both =
+          row_factor(prepared.lobe, c->sin2_h, c->cos_h) * columns.col(grid.column_d(cell));
+      for (int k = 0; k < per_cell; ++k) {
+        const Array3d hidden = both * geometry(prepared, c[k]);
+        auto value = values.col(Eigen::Index{cell} * per_cell + k);
+        value += prepared.layer == 0 ? hidden : Array3d(hidden * through(prepared.layer, c[k]));
       }
-      table.f.row(cell) += (row * mean * columns.col(grid.column_d(cell))).transpose();
     }
   }
-  if (body_.kind == Body::Kind::none) return table;
-  for (int cell = 0; cell < grid.cells(); ++cell) {
-    const Configuration* c = first_of(cell);
-    const double phase = phase_function(body_.asymmetry, c->cos_d);
-    const double surge = surge_factor(body_, c->cos_d);
-    Array3d sum = Array3d::Zero();
-    for (std::size_t k = 0; k < per_cell; ++k)
-      sum += body_value(c[k], phase, surge) * through(layer_count_, c[k]);
-    table.f.row(cell) += (sum / configurations.per_cell).transpose();
+  if (body_.kind != Body::Kind::none) {
+    for (int cell = 0; cell < grid.cells(); ++cell) {
+      const Configuration* c = first_of(cell);
+      const double phase = phase_function(body_.asymmetry, c->cos_d);
+      const double surge = surge_factor(body_, c->cos_d);
+      for (int k = 0; k < per_cell; ++k)
+        values.col(Eigen::Index{cell} * per_cell + k) +=
+            body_value(c[k], phase, surge) * through(layer_count_, c[k]);
+    }
   }
+  return values.transpose();
+}
+
+BrdfTable LayeredReflectance::tabulate(const ConfigurationGrid& configurations) const {
+  return cell_means(tabulate_each(configurations), configurations);
+}
+
+BrdfTable cell_means(const Eigen::ArrayXXd& each, const ConfigurationGrid& configurations) {
+  BrdfTable table{configurations.grid, Eigen::ArrayXXd(configurations.grid.cells(), 3)};
+  const int per_cell = configurations.per_cell;
+  for (int cell = 0; cell < configurations.grid.cells(); ++cell)
+    table.f.row(cell) = each.middleRows(Eigen::Index{cell} * per_cell, per_cell).colwise().mean();
   return table;
 }
 

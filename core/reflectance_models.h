@@ -79,6 +79,9 @@ struct ConfigurationGrid {
 };
 ConfigurationGrid configuration_grid(const BivariateGrid& grid, int n_phi);
 
+/// Means over each cell's configurations of values (cells · per_cell × 3).
+BrdfTable cell_means(const Eigen::ArrayXXd& each, const ConfigurationGrid& configurations);
+
 /// A stack of layers on a body: non-negative, reciprocal, energy conserving and continuous; linear
 /// red, green, blue [1/sr].
 class LayeredReflectance {
@@ -87,7 +90,10 @@ class LayeredReflectance {
 
   Eigen::Array3d operator()(const HalfDiff& angles) const;
 
-  /// Means over each cell's φd. What depends on θh or θd alone is computed once a row or column.
+  /// Values at every configuration (cells · per_cell × 3). What depends on θh or θd alone is
+  /// computed once a row or column.
+  Eigen::ArrayXXd tabulate_each(const ConfigurationGrid& configurations) const;
+  /// Means over each cell's φd.
   BrdfTable tabulate(const ConfigurationGrid& configurations) const;
 
   /// Share of light from this direction that the layers reflect, without the body; for tests.

@@ -9,6 +9,9 @@
 
 #include "core/cell_lookup.h"
 #include "core/check.h"
+#include "core/pixel_neighbours.h"
+#include "core/planner_kernels.h"
+#include "core/site_kernels.h"
 
 namespace lightrig {
 namespace {
@@ -24,11 +27,17 @@ enum class PointState : std::uint8_t {
   shadowed
 };
 
+/// Small, because a picture has millions: what is not kept is found again for the lit ones.
 struct SitePoint {
-  PointState state = PointState::unlit;
-  std::int32_t cell = 0;
-  std::int32_t site = 0;  ///< row · width + column
-  double irradiance = 0;  ///< falloff · cos θi, per unit of lamp strength
+  std::int32_t cell_or_state = -1;  ///< the cell if lit, else −1 − state
+  float irradiance = 0;             ///< falloff · cos θi, per unit of lamp strength
+
+  void set(PointState state) { cell_or_state = -1 - static_cast<std::int32_t>(state); }
+  bool lit() const { return cell_or_state >= 0; }
+  PointState state() const {
+    return lit() ? PointState::lit : static_cast<PointState>(-1 - cell_or_state);
+  }
+  int cell() const { return cell_or_state; }
 };
 
 struct Geometry {
@@ -52,28 +61,26 @@ std::optional<std::int32_t> site_of(const Geometry& g, Eigen::Index i, int width
   return static_cast<std::int32_t>(row) * width + static_cast<std::int32_t>(column);
 }
 
-SitePoint place(const Geometry& g, Eigen::Index i, int width, int height) {
+/// What point i of a run that begins at `first` is, from the run's angles.
+SitePoint place(const Geometry& g, Eigen::Index first, std::size_t i, const SiteAngles& angles,
+                int width, int height) {
   SitePoint out;
-  const Eigen::Vector3d x = g.points->position.col(i), n = g.points->normal.col(i),
-                        v = g.points->view.col(i);
-  const Eigen::Vector3d l = g.light->direction_from(x);
-  const double cos_i = n.dot(l), cos_o = n.dot(v);
-  const std::optional<std::int32_t> site = site_of(g, i, width, height);
-  if (!site) {
-    out.state = PointState::off_image;
-    return out;
-  }
-  out.site = *site;
+  out.set(PointState::off_image);
+  const Eigen::Index at = first + static_cast<Eigen::Index>(i);
+  if (!g.points->from_pixels && !site_of(g, at, width, height)) return out;
+  out.set(PointState::unlit);
   // l = −v has no half vector; its θd is beyond any limit.
-  const double sum2 = (l + v).squaredNorm();
-  if (cos_i <= 0 || cos_o <= 0 || sum2 < 1e-24) return out;
-  out.state = PointState::grazing;
-  if (cos_i < g.limits->min_cos_i || cos_o < g.limits->min_cos_o) return out;
-  if ((l - v).squaredNorm() > g.max_tangent2 * sum2) return out;
-  out.cell = (*g.cells)(n, l, v);
-  out.irradiance = g.light->falloff(x) * cos_i;
-  const bool has_statistics = g.valid.empty() || g.valid[static_cast<std::size_t>(out.cell)] != 0;
-  out.state = has_statistics ? PointState::lit : PointState::invalid_cell;
+  const double sum2 = angles.sum2[i];
+  if (angles.cos_i[i] <= 0 || angles.cos_o[i] <= 0 || sum2 < 1e-24) return out;
+  out.set(PointState::grazing);
+  if (angles.cos_i[i] < g.limits->min_cos_i || angles.cos_o[i] < g.limits->min_cos_o) return out;
+  if (angles.difference2[i] > g.max_tangent2 * sum2) return out;
+  const int cell = g.cells->grid().cell(g.cells->row(angles.chord2[i]),
+                                        g.cells->column(angles.difference2[i] / sum2));
+  out.set(PointState::invalid_cell);
+  if (!g.valid.empty() && g.valid[static_cast<std::size_t>(cell)] == 0) return out;
+  out.cell_or_state = cell;
+  out.irradiance = static_cast<float>(angles.irradiance[i]);
   return out;
 }
 
@@ -82,18 +89,29 @@ void place_range(const Geometry& g, int width, int height, Eigen::Index begin, E
                  std::vector<SitePoint>& out) {
   std::vector<Eigen::Vector3d> position, normal;
   std::vector<std::size_t> index;
-  for (Eigen::Index i = begin; i < end; ++i) {
-    const SitePoint point = place(g, i, width, height);
-    out[static_cast<std::size_t>(i)] = point;
-    if (point.state != PointState::lit || g.occluder->convex()) continue;
-    position.push_back(g.points->position.col(i));
-    normal.push_back(g.points->normal.col(i));
-    index.push_back(static_cast<std::size_t>(i));
+  const bool convex = g.occluder->convex();
+  const int level = vector_level();
+  SiteAngles angles;
+  for (Eigen::Index first = begin; first < end;
+       first += static_cast<Eigen::Index>(SiteAngles::size)) {
+    const auto n = static_cast<std::size_t>(
+        std::min(end - first, static_cast<Eigen::Index>(SiteAngles::size)));
+    angles_of_sites(g.points->position.col(first).data(), g.points->normal.col(first).data(),
+                    g.points->view.col(first).data(), n, *g.light, angles, level);
+    for (std::size_t i = 0; i < n; ++i) {
+      const SitePoint point = place(g, first, i, angles, width, height);
+      const Eigen::Index at = first + static_cast<Eigen::Index>(i);
+      out[static_cast<std::size_t>(at)] = point;
+      if (!point.lit() || convex) continue;
+      position.push_back(g.points->position.col(at));
+      normal.push_back(g.points->normal.col(at));
+      index.push_back(static_cast<std::size_t>(at));
+    }
   }
   std::vector<std::uint8_t> blocked(index.size(), 0);
   if (!index.empty()) g.occluder->blocked(position, normal, *g.light, blocked);
   for (std::size_t j = 0; j < index.size(); ++j) {
-    if (blocked[j] != 0) out[index[j]].state = PointState::shadowed;
+    if (blocked[j] != 0) out[index[j]].set(PointState::shadowed);
   }
 }
 
@@ -110,52 +128,20 @@ std::vector<SitePoint> place_all(const Geometry& g, int width, int height, int t
   return out;
 }
 
-/// A pixel whose neighbourhood is not all object, or half in shadow, mixes two radiances: its
-/// centre's geometry says nothing of its value. Neighbours are one point spacing away; a step in
-/// depth shows as a neighbour far off the tangent plane.
-class Neighbourhood {
- public:
-  Neighbourhood(const SurfacePoints& points, int width, int height)
-      : points_(points), width_(width), height_(height) {
-    index_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), -1);
-    spacing_ = std::max(width, height);
-    int previous_row = -1, previous_column = 0;
-    for (Eigen::Index i = 0; i < points.size(); ++i) {
-      const int source = points.source[static_cast<std::size_t>(i)];
-      index_[static_cast<std::size_t>(source)] = static_cast<std::int32_t>(i);
-      const int row = source / width, column = source % width;
-      // The least step along a row is the stride the points were taken with.
-      if (row == previous_row) spacing_ = std::min(spacing_, std::abs(column - previous_column));
-      previous_row = row;
-      previous_column = column;
-    }
-    spacing_ = std::max(spacing_, 1);
+/// Marks lit pixels that mix two radiances: their centre's geometry says nothing of their value.
+void leave_out_mixed(const PixelNeighbours& neighbours, std::vector<SitePoint>& sites) {
+  std::vector<std::uint8_t> shadowed(sites.size());
+  for (std::size_t i = 0; i < sites.size(); ++i) {
+    shadowed[i] = sites[i].state() == PointState::shadowed ? 1 : 0;
   }
-
-  bool mixed(Eigen::Index i, const std::vector<SitePoint>& sites) const {
-    const int source = points_.source[static_cast<std::size_t>(i)];
-    const int row = source / width_, column = source % width_;
-    for (int dr = -1; dr <= 1; ++dr) {
-      for (int dc = -1; dc <= 1; ++dc) {
-        if (dr == 0 && dc == 0) continue;
-        const int r = row + dr * spacing_, c = column + dc * spacing_;
-        if (r < 0 || c < 0 || r >= height_ || c >= width_) return true;
-        const std::int32_t j =
-            index_[static_cast<std::size_t>(r) * static_cast<std::size_t>(width_) +
-                   static_cast<std::size_t>(c)];
-        if (j < 0 || sites[static_cast<std::size_t>(j)].state == PointState::shadowed) return true;
-        const Eigen::Vector3d step = points_.position.col(j) - points_.position.col(i);
-        if (std::abs(points_.normal.col(i).dot(step)) > 0.5 * step.norm()) return true;
-      }
+  for (std::size_t i = 0; i < sites.size(); ++i) {
+    if (!sites[i].lit()) continue;
+    const auto at = static_cast<Eigen::Index>(i);
+    if (!neighbours.whole(at) || neighbours.beside(at, shadowed)) {
+      sites[i].set(PointState::boundary);
     }
-    return false;
   }
-
- private:
-  const SurfacePoints& points_;
-  int width_, height_, spacing_;
-  std::vector<std::int32_t> index_;  ///< (height · width): point of a pixel, or −1
-};
+}
 
 /// Sums over the sites of one (cell, channel). a = E cos θi, the geometry of a site.
 struct CellSum {
@@ -223,6 +209,44 @@ void add_site(CellSum& sum, const RadianceImage& image, const RadianceImage* amb
   sum.L2 += L * L;
 }
 
+/// Footprints of at most `options.footprints` sites of every row of values, evenly over its sites.
+std::vector<Footprint> footprints_of(const Geometry& g, const RadianceImage& image,
+                                     const std::vector<SitePoint>& sites,
+                                     const std::vector<BrdfObservation>& rows,
+                                     const PixelNeighbours* neighbours,
+                                     const ExtractOptions& options) {
+  const BivariateGrid& grid = g.cells->grid();
+  const auto key = [&](int channel, int cell) {
+    return static_cast<std::size_t>(channel * grid.cells() + cell);
+  };
+  std::vector<std::int32_t> row_of(3 * static_cast<std::size_t>(grid.cells()), -1);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (rows[i].kind != BrdfObservation::Kind::value) continue;
+    row_of[key(rows[i].channel, rows[i].cell)] = static_cast<std::int32_t>(i);
+  }
+  std::vector<std::int32_t> seen(rows.size(), 0);
+  std::vector<Footprint> out;
+  for (std::size_t i = 0; i < sites.size(); ++i) {
+    const SitePoint& point = sites[i];
+    if (!point.lit()) continue;
+    const int site = *site_of(g, static_cast<Eigen::Index>(i), image.width, image.height);
+    if (image.site[static_cast<std::size_t>(site)] == RadianceImage::Site::saturated) continue;
+    const int channel = channel_at(image.filter, site / image.width, site % image.width);
+    const std::int32_t row = row_of[key(channel, point.cell())];
+    if (row < 0) continue;
+    const auto at = static_cast<std::size_t>(row);
+    const int stride = (rows[at].count + options.footprints - 1) / options.footprints;
+    if (seen[at]++ % std::max(stride, 1) != 0) continue;
+    Footprint footprint = footprint_of(*g.points, static_cast<Eigen::Index>(i), neighbours,
+                                       *g.camera, *g.light, grid);
+    footprint.row = row;
+    footprint.weight =
+        static_cast<float>(options.lamp_strength[channel] * double{point.irradiance});
+    out.push_back(footprint);
+  }
+  return out;
+}
+
 void count(ExtractionStatistics& s, PointState state) {
   switch (state) {
     case PointState::unlit:
@@ -263,32 +287,32 @@ BrdfObservations extract(const RadianceImage& image, const RadianceImage* ambien
   const Geometry geometry{&points, &camera,   &light,          &cells,
                           valid,   &occluder, &options.limits, tangent * tangent};
   std::vector<SitePoint> sites = place_all(geometry, image.width, image.height, options.threads);
-  if (points.from_pixels && options.drop_mixed) {
-    const Neighbourhood neighbourhood(points, image.width, image.height);
-    for (Eigen::Index i = 0; i < points.size(); ++i) {
-      SitePoint& point = sites[static_cast<std::size_t>(i)];
-      if (point.state == PointState::lit && neighbourhood.mixed(i, sites)) {
-        point.state = PointState::boundary;
-      }
-    }
+  std::optional<PixelNeighbours> own;
+  const PixelNeighbours* neighbours = options.neighbours;
+  const bool needed = points.from_pixels && (options.drop_mixed || options.footprints > 0);
+  if (needed && neighbours == nullptr) {
+    neighbours = &own.emplace(points, image.width, image.height);
   }
+  if (points.from_pixels && options.drop_mixed) leave_out_mixed(*neighbours, sites);
 
   const int channels = image.filter == ColorFilter::mono ? 1 : 3;
   BrdfObservations out;
   out.statistics.sites = points.size();
   std::vector<CellSum> sums(static_cast<std::size_t>(grid.cells()) *
                             static_cast<std::size_t>(channels));
-  for (const SitePoint& point : sites) {
-    count(out.statistics, point.state);
-    if (point.state != PointState::lit) continue;
-    const int channel =
-        channel_at(image.filter, point.site / image.width, point.site % image.width);
-    const double a = options.lamp_strength[channel] * point.irradiance;
-    const auto site = static_cast<std::size_t>(point.site);
-    out.statistics.saturated += image.site[site] == RadianceImage::Site::saturated;
-    out.statistics.dark += image.site[site] == RadianceImage::Site::dark;
-    add_site(sums[static_cast<std::size_t>(channel * grid.cells() + point.cell)], image, ambient,
-             site, a);
+  const bool mono = image.filter == ColorFilter::mono;
+  for (std::size_t i = 0; i < sites.size(); ++i) {
+    const SitePoint& point = sites[i];
+    count(out.statistics, point.state());
+    if (!point.lit()) continue;
+    const int site = *site_of(geometry, static_cast<Eigen::Index>(i), image.width, image.height);
+    const int channel = mono ? 0 : channel_at(image.filter, site / image.width, site % image.width);
+    const double a = options.lamp_strength[channel] * double{point.irradiance};
+    const auto at = static_cast<std::size_t>(site);
+    out.statistics.saturated += image.site[at] == RadianceImage::Site::saturated;
+    out.statistics.dark += image.site[at] == RadianceImage::Site::dark;
+    add_site(sums[static_cast<std::size_t>(channel * grid.cells() + point.cell())], image, ambient,
+             at, a);
   }
   for (int channel = 0; channel < channels; ++channel) {
     for (int cell = 0; cell < grid.cells(); ++cell) {
@@ -299,6 +323,9 @@ BrdfObservations extract(const RadianceImage& image, const RadianceImage* ambien
       row.channel = static_cast<std::int8_t>(channel);
       out.rows.push_back(row);
     }
+  }
+  if (options.footprints > 0) {
+    out.footprints = footprints_of(geometry, image, sites, out.rows, neighbours, options);
   }
   return out;
 }

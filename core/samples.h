@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/candidate_bins.h"
+#include "core/footprint.h"
 #include "core/image.h"
 #include "core/light.h"
 
@@ -31,7 +32,7 @@ struct BrdfObservation {
 struct ExtractionStatistics {
   std::int64_t sites = 0, unlit = 0, shadowed = 0, grazing = 0, invalid_cell = 0;
   std::int64_t saturated = 0, dark = 0;  ///< of the sites used
-  /// Pixels that mix two radiances: at a silhouette, a step in depth or the edge of a shadow.
+  /// Pixels that mix radiances: at a silhouette, a step in depth, a crease or the edge of a shadow.
   std::int64_t boundary = 0;
   std::int64_t off_image = 0;  ///< vertices that project outside the image
 };
@@ -39,6 +40,8 @@ struct ExtractionStatistics {
 struct BrdfObservations {
   std::vector<BrdfObservation> rows;  ///< sorted by channel, then cell
   ExtractionStatistics statistics;
+  /// With ExtractOptions::footprints, of up to so many sites of each row of values.
+  std::vector<Footprint> footprints = {};
 };
 
 struct ExtractOptions {
@@ -46,7 +49,9 @@ struct ExtractOptions {
   Eigen::Array3d lamp_strength =
       Eigen::Array3d::Ones();    ///< [W/sr] near, [W/m²] distant, per channel
   double detection_sigma = 3.0;  ///< a cell whose mean is below this many sigmas is `below`
-  bool drop_mixed = true;        ///< leave out pixels at silhouettes and edges of shadows
+  bool drop_mixed = true;        ///< leave out pixels at silhouettes, creases and edges of shadows
+  int footprints = 0;  ///< most sites of a row whose footprints are kept, evenly over its sites
+  const PixelNeighbours* neighbours = nullptr;  ///< of the points; null: found for this call alone
   int threads = 1;
 };
 

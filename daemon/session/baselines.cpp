@@ -1,18 +1,23 @@
 #include "daemon/session/baselines.h"
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
+#include <optional>
 #include <thread>
 
-#include "core/adaptive_fit.h"
 #include "core/brdf_error.h"
 #include "core/check.h"
+#include "core/merge_hdr.h"
+#include "core/pixel_neighbours.h"
+#include "core/refine.h"
+#include "sim/philox.h"
+#include "sim/sensor_noise.h"
+#include "sim/shading.h"
 
 namespace lightrig {
 namespace {
 
 constexpr Eigen::Index published_components = 45;
+constexpr int footprints_per_row = 24;  // as a session keeps
 
 // SplitMix64 [Steele 2014]: small, and the same on every machine, as the standard's distributions
 // are not.
@@ -31,9 +36,6 @@ class Random {
   std::size_t below(std::size_t n) {
     return std::min(n - 1, static_cast<std::size_t>(uniform() * static_cast<double>(n)));
   }
-  double normal() {
-    return std::sqrt(-2 * std::log(uniform())) * std::cos(2 * std::numbers::pi * uniform());
-  }
 
  private:
   std::uint64_t state_;
@@ -47,33 +49,88 @@ std::vector<int> pick(std::vector<int> candidates, int count, Random& random) {
   return candidates;
 }
 
-BrdfObservations measure(const BrdfTable& reference, std::span<const std::int32_t> cells,
-                         double floor, std::span<const double> noise, Random& random) {
-  BrdfObservations light;
-  for (Eigen::Index channel = 0; channel < reference.f.cols(); ++channel) {
-    for (const std::int32_t cell : cells) {
-      const double f = reference.f(cell, channel);
-      if (!std::isfinite(f)) continue;
-      BrdfObservation row;
-      row.cell = cell;
-      row.channel = static_cast<std::int8_t>(channel);
-      row.count = 1;
-      const double sigma = noise.empty() ? 0 : noise[random.below(noise.size())];
-      const double mapped = std::max(f, floor);
-      row.f = std::max(mapped * (1 + sigma * random.normal()), floor);
-      row.variance = sigma * sigma * mapped * mapped;
-      light.rows.push_back(row);
-    }
+/// The rig's camera with its pixels joined until a picture is quick to make.
+CameraModel small_enough(CameraModel camera) {
+  constexpr int most_pixels = 400000;
+  while (camera.width * camera.height > most_pixels) {
+    // Pixel (i, j) has its centre at (i, j): an edge lies half a pixel off.
+    camera.width /= 2;
+    camera.height /= 2;
+    camera.fx /= 2;
+    camera.fy /= 2;
+    camera.cx = (camera.cx + 0.5) / 2 - 0.5;
+    camera.cy = (camera.cy + 0.5) / 2 - 0.5;
   }
-  return light;
+  return camera;
 }
 
-double error_of(const BrdfBasis& basis, std::span<const BrdfObservations> lights,
-                const BrdfTable& reference, Estimator estimator) {
+/// Everything that one light's picture needs.
+struct Studio {
+  const Rig& rig;
+  const SessionSpec& spec;
+  const Prepared& prepared;
+  CameraModel camera;
+  SurfacePoints points;
+  std::optional<PixelNeighbours> neighbours;
+  sim::Renderer renderer;
+
+  Studio(const Rig& the_rig, const SessionSpec& the_spec, const Prepared& the_prepared,
+         const Reflectance& truth, const RandomLightsOptions& options)
+      : rig(the_rig),
+        spec(the_spec),
+        prepared(the_prepared),
+        camera(small_enough(rig.camera.model)),
+        renderer(prepared.object.mesh, camera, rig.camera.sensor.filter, truth,
+                 {2, options.threads, options.seed}) {
+    const bool pixels = prepared.points.from_pixels;
+    const bool same = camera.width == rig.camera.model.width;
+    points = same     ? prepared.points
+             : pixels ? points_of_pixels(prepared.object.mesh, *prepared.occluder, camera, 1)
+                      : points_of_vertices(prepared.object.mesh, *prepared.occluder, camera);
+    if (pixels) neighbours.emplace(points, camera.width, camera.height);
+  }
+  Studio(const Studio&) = delete;
+  Studio& operator=(const Studio&) = delete;
+
+  BrdfObservations measure(int candidate, std::uint64_t noise_seed) const;
+};
+
+/// Renders, exposes, merges and extracts one light, as a capture does; ambient light and dark
+/// frames are left out, whose mean the merge knows.
+BrdfObservations Studio::measure(int candidate, std::uint64_t noise_seed) const {
+  const LightPosition& light = prepared.candidates[static_cast<std::size_t>(candidate)].light;
+  const SensorModel& sensor = rig.camera.sensor;
+  const Eigen::Array3d strength = rig.lamp.strength * rig.lamp.power;
+  const auto radiance = renderer.render(light, strength, {});
+  CHECK(radiance.has_value());
+  std::vector<Frame> bracket;
+  for (std::size_t i = 0; i < spec.bracket.exposures.size(); ++i) {
+    const double t = spec.bracket.exposures[i];
+    const std::uint64_t words[] = {static_cast<std::uint64_t>(candidate), i};
+    auto counts = sim::expose_sensor(sensor, camera.width, camera.height, *radiance, t,
+                                     sim::derive_key(noise_seed, words), 1, {});
+    CHECK(counts.has_value());
+    bracket.push_back({std::move(*counts), t, i + 1});
+  }
+  const auto image = merge_hdr(bracket, {}, sensor, MergeOptions{});
+  CHECK(image.has_value());
+  ExtractOptions extraction;
+  extraction.limits = spec.plan.limits;
+  extraction.lamp_strength = strength;
+  extraction.neighbours = neighbours ? &*neighbours : nullptr;
+  extraction.footprints = footprints_per_row;
+  const BrdfBasis& basis = prepared.fit_basis;
+  return extract(*image, nullptr, points, camera, light, basis.grid, basis.valid,
+                 *prepared.occluder, extraction);
+}
+
+double error_of(const BrdfBasis& basis, const AzimuthModel& azimuths,
+                std::span<const BrdfObservations> lights, const BrdfTable& reference,
+                Estimator estimator) {
   FitOptions options;
   options.estimator = estimator;
-  const Coefficients fitted =
-      fit_adaptive(basis, lights, static_cast<int>(reference.f.cols()), options).coefficients;
+  const int channels = static_cast<int>(reference.f.cols());
+  const Coefficients fitted = fit_refined(basis, azimuths, lights, channels, options).coefficients;
   return brdf_error(evaluate(basis, fitted.c), reference, basis.mapping.floor).percent_log;
 }
 
@@ -92,44 +149,34 @@ double mean_only_error(const BrdfBasis& basis, const BrdfTable& reference) {
   return brdf_error(evaluate(basis, none), reference, basis.mapping.floor).percent_log;
 }
 
-std::vector<double> relative_noise(std::span<const BrdfObservations> observations) {
-  std::vector<double> noise;
-  for (const BrdfObservations& light : observations) {
-    for (const BrdfObservation& row : light.rows) {
-      if (row.kind == BrdfObservation::Kind::value && row.f > 0) {
-        noise.push_back(std::sqrt(row.variance) / row.f);
-      }
-    }
-  }
-  std::sort(noise.begin(), noise.end());
-  return noise;
-}
-
-RandomLights random_lights(const BrdfBasis& basis, const CandidateBins& bins,
-                           const BrdfTable& reference, std::span<const double> noise,
+RandomLights random_lights(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                           const Reflectance& truth, const BrdfTable& reference,
                            const RandomLightsOptions& options) {
   CHECK(options.sets > 0 && options.threads > 0);
   std::vector<int> candidates;
-  for (int i = 0; i < bins.candidates(); ++i) {
-    if (!bins.of(i).empty()) candidates.push_back(i);
+  for (int i = 0; i < prepared.bins.candidates(); ++i) {
+    if (!prepared.bins.of(i).empty()) candidates.push_back(i);
   }
   RandomLights result;
   result.sets = options.sets;
   result.lights = std::min(options.lights, static_cast<int>(candidates.size()));
+  const BrdfBasis& basis = prepared.fit_basis;
   const BrdfBasis published = truncated(basis, std::min(published_components, basis.components()));
   result.components = static_cast<int>(published.components());
+  const Studio studio(rig, spec, prepared, truth, options);
   const auto sets = static_cast<std::size_t>(options.sets);
   std::vector<double> by_pseudo_inverse(sets), by_map(sets);
   const auto run = [&](std::size_t first, std::size_t stride) {
     for (std::size_t set = first; set < sets; set += stride) {
-      Random random(options.seed * 0x9E3779B97F4A7C15ULL + set);
+      const std::uint64_t seed = options.seed * 0x9E3779B97F4A7C15ULL + set;
+      Random random(seed);
       std::vector<BrdfObservations> lights;
       for (const int candidate : pick(candidates, result.lights, random)) {
-        lights.push_back(
-            measure(reference, bins.of(candidate), basis.mapping.floor, noise, random));
+        lights.push_back(studio.measure(candidate, seed));
       }
-      by_pseudo_inverse[set] = error_of(published, lights, reference, Estimator::pseudo_inverse);
-      by_map[set] = error_of(basis, lights, reference, Estimator::map);
+      by_map[set] = error_of(basis, prepared.azimuths, lights, reference, Estimator::map);
+      by_pseudo_inverse[set] =
+          error_of(published, prepared.azimuths, lights, reference, Estimator::pseudo_inverse);
     }
   };
   const auto stride = static_cast<std::size_t>(options.threads);

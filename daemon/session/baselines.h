@@ -1,13 +1,10 @@
 #pragma once
 
 #include <cstdint>
-#include <span>
-#include <vector>
 
+#include "config/rig.h"
 #include "core/brdf_basis.h"
-#include "core/candidate_bins.h"
-#include "core/samples.h"
-#include "daemon/session/reduction.h"
+#include "daemon/session/prepare.h"
 
 namespace lightrig {
 
@@ -21,7 +18,7 @@ struct RandomLights {
 
 struct RandomLightsOptions {
   int lights = 7;
-  int sets = 20;
+  int sets = 5;
   std::uint64_t seed = 1;
   int threads = 1;
 };
@@ -29,16 +26,14 @@ struct RandomLightsOptions {
 /// The percentage error of the mean of the basis against a reference.
 double mean_only_error(const BrdfBasis& basis, const BrdfTable& reference);
 
-/// Relative standard deviations of the values a session measured: the noise that random lights are
-/// given too. Sorted.
-std::vector<double> relative_noise(std::span<const BrdfObservations> observations);
-
-/// Draws sets of distinct candidates that show anything at all, lets each light measure the
-/// reference in its cells with a noise drawn from `noise`, and reconstructs twice: by the
-/// pseudo-inverse with at most 45 components and by MAP with the whole basis. `lights` is cut to
-/// the candidates there are. The result depends on the seed, not on the threads.
-RandomLights random_lights(const BrdfBasis& basis, const CandidateBins& bins,
-                           const BrdfTable& reference, std::span<const double> noise,
+/// Draws sets of distinct candidates that show anything at all, photographs each light with the
+/// rig's simulated camera (the simulator's shading of `truth`, shadows, mosaic, noise and clipping;
+/// every exposure on offer; pixels joined to at most 400,000), merges and extracts as a session
+/// does, and reconstructs twice: by the pseudo-inverse with at most 45 components and by MAP with
+/// the whole basis, refined. No ambient light; pose and lamp are exact. `lights` is cut to the
+/// candidates there are. The result depends on the seed, not on the threads.
+RandomLights random_lights(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                           const Reflectance& truth, const BrdfTable& reference,
                            const RandomLightsOptions& options);
 
 }  // namespace lightrig

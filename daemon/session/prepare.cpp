@@ -1,6 +1,7 @@
 #include "daemon/session/prepare.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <chrono>
@@ -9,6 +10,7 @@
 #include <utility>
 
 #include "config/load_materials.h"
+#include "core/pixel_neighbours.h"
 #include "core/route.h"
 #include "daemon/session/capture_time.h"
 #include "daemon/session/lay_candidates.h"
@@ -66,6 +68,15 @@ Result<void> load(const SessionSpec& spec, Prepared& prepared, StageClock& clock
   return {};
 }
 
+std::string describe_source(const MaterialsConfig& materials) {
+  const bool builtin = materials.source == "builtin";
+  std::string text = builtin ? "built-in set" : "measured materials (MERL files)";
+  std::vector<std::string> without = materials.leave_out_families;
+  without.insert(without.end(), materials.leave_out.begin(), materials.leave_out.end());
+  if (!without.empty()) text += fmt::format(", without {}", fmt::join(without, ", "));
+  return text;
+}
+
 Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock& clock) {
   BasisOptions options;
   options.layout = spec.materials.layout;
@@ -75,6 +86,7 @@ Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock&
   auto basis = make_basis(prepared.materials, options);
   if (!basis) return tl::unexpected(basis.error());
   prepared.fit_basis = std::move(*basis);
+  prepared.fit_basis.source = describe_source(spec.materials);
   prepared.plan_basis = prepared.fit_basis;
   const bool chosen_by_hand = spec.materials.components > 0;
   // Without a prior every component must be seen, so a pseudo-inverse takes as many as the
@@ -85,6 +97,10 @@ Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock&
   if (!chosen_by_hand && spec.estimator == Estimator::pseudo_inverse) {
     prepared.fit_basis = truncated(prepared.fit_basis, condition_components(prepared.fit_basis));
   }
+  if (spec.estimator == Estimator::map) {
+    prepared.azimuths = AzimuthModel(prepared.materials, prepared.fit_basis);
+  }
+  for (Material& material : prepared.materials) material.azimuth.resize(0, 0);  // taken up
   clock.done("basis");
   return {};
 }
@@ -135,9 +151,15 @@ Result<void> bin(const Rig& rig, const SessionSpec& spec, Prepared& prepared, St
   lights.reserve(prepared.candidates.size());
   for (const Candidate& candidate : prepared.candidates) lights.push_back(candidate.light);
   const BrdfBasis& basis = prepared.plan_basis;
+  // Extraction passes over pixels that mix radiances: a plan must not count on them.
+  const CameraModel& camera = rig.camera.model;
+  SurfacePoints whole;
+  if (prepared.points.from_pixels) {
+    whole = PixelNeighbours(prepared.points, camera.width, camera.height).whole_points();
+  }
   BinningResult binned =
-      bin_candidates(prepared.points, lights, basis.grid, basis.valid, spec.plan.limits,
-                     *prepared.occluder, spec.plan.shadows, thread_count());
+      bin_candidates(whole.size() > 0 ? whole : prepared.points, lights, basis.grid, basis.valid,
+                     spec.plan.limits, *prepared.occluder, spec.plan.shadows, thread_count());
   clock.done("bins");
   prepared.bins = std::move(binned.bins);
   left_out.binning = binned.statistics;

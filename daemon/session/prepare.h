@@ -8,6 +8,7 @@
 
 #include "config/load_object.h"
 #include "config/rig.h"
+#include "core/azimuth_model.h"
 #include "core/brdf_basis.h"
 #include "core/candidate_bins.h"
 #include "core/plan.h"
@@ -26,11 +27,12 @@ struct StageCost {
 struct Prepared {
   LoadedObject object;
   std::shared_ptr<const Occluder> occluder;
-  SurfacePoints points;  ///< what planning and extraction look at
+  SurfacePoints points;  ///< what extraction looks at; planning counts on its whole pixels alone
   std::vector<Material>
-      materials;         ///< of the basis (kept for the material distances that reports show)
-  BrdfBasis fit_basis;   ///< for reconstruction
-  BrdfBasis plan_basis;  ///< for planning: fit_basis, or its first K components, or stacked
+      materials;          ///< of the basis (kept for the material distances that reports show)
+  BrdfBasis fit_basis;    ///< for reconstruction
+  AzimuthModel azimuths;  ///< what φd adds to fit_basis; none() where the materials have no φd
+  BrdfBasis plan_basis;   ///< for planning: fit_basis, or its first K components, or stacked
   std::vector<Candidate> candidates;
   CandidateBins bins;
   Plan plan;

@@ -15,13 +15,16 @@
 #include "daemon/session/session_result.h"
 #include "daemon/session/session_story.h"
 #include "daemon/session/stopwatch.h"
+#include "sim/open_devices.h"
+#include "sim/truth.h"
 
 namespace lightrig {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int random_sets = 20;
+// Each light of a set is a picture: more sets would cost a demo its minute.
+constexpr int random_sets = 5;
 
 std::string arithmetic(int threads) {
   return fmt::format(
@@ -68,9 +71,14 @@ Baselines baselines_of(const SessionRecord& record, const Prepared& prepared,
   baselines.mean_only_is_true = true;
   baselines.mean_only_percent = mean_only_error(reduction.basis(), reference->table);
   if (record.spec.plan.random_baseline && prepared.bins.candidates() > 0) {
-    baselines.random_lights = random_lights(prepared.fit_basis, prepared.bins, reference->table,
-                                            relative_noise(reduction.observations()),
-                                            {lights, random_sets, record.spec.plan.seed, threads});
+    const auto simulated_truth =
+        reference->simulated ? sim::truth_of(record.rig) : Result<Reflectance>();
+    const Reflectance truth = reference->simulated && simulated_truth
+                                  ? *simulated_truth
+                                  : sim::interpolated(to_merl(reference->table, 1));
+    baselines.random_lights =
+        random_lights(record.rig, record.spec, prepared, truth, reference->table,
+                      {lights, random_sets, record.spec.plan.seed, threads});
   }
   return baselines;
 }

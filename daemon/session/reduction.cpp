@@ -8,9 +8,10 @@
 #include <thread>
 #include <utility>
 
-#include "core/adaptive_fit.h"
 #include "core/check.h"
 #include "core/merge_hdr.h"
+#include "core/pixel_neighbours.h"
+#include "core/refine.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/frame_file.h"
 #include "daemon/session/held_out.h"
@@ -23,6 +24,8 @@ namespace {
 // The published estimator has no prior: with all components it would chase noise [Ali 2013].
 constexpr Eigen::Index pseudo_inverse_components = 45;
 constexpr int picture_pixels = 300;
+// Sites of a row whose footprints are kept: enough for a mean over a cell's width.
+constexpr int footprints_per_row = 24;
 
 bool is_data(const StoredFrame& frame) {
   return frame.role == "bracket" || frame.role == "metering";
@@ -104,7 +107,9 @@ struct Reduction::State {
   double expected_sigma = 0;  ///< model error before any data, mapped units
   std::optional<std::vector<Frame>> darks;
   std::optional<ImageSites> sites;
-  std::vector<BrdfObservations> observations;
+  std::optional<PixelNeighbours> neighbours;
+  std::vector<BrdfObservations> measured;      ///< as extracted
+  std::vector<BrdfObservations> observations;  ///< refined by the last estimate
   std::vector<ReducedShot> shots;
   Coefficients coefficients;
   Reconstruction reconstruction;
@@ -113,7 +118,8 @@ struct Reduction::State {
   Result<RadianceImage> merge(const std::vector<StoredFrame>& stored);
   void extract_shot(const CapturedShot& shot, const RadianceImage& image,
                     const RadianceImage* ambient);
-  std::vector<BrdfObservations> observed(bool held_out) const;
+  std::vector<BrdfObservations> chosen(const std::vector<BrdfObservations>& from,
+                                       bool held_out) const;
 };
 
 // Reads and merges frames of one kind; the darks are read once, when first needed.
@@ -144,8 +150,14 @@ void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImag
   extraction.limits = spec->plan.limits;
   extraction.lamp_strength = reduced.strength;
   extraction.threads = options.threads;
-  observations.push_back(extract(image, ambient, prepared->points, rig->camera.model, reduced.light,
-                                 basis.grid, basis.valid, *prepared->occluder, extraction));
+  if (prepared->points.from_pixels && !neighbours) {
+    neighbours.emplace(prepared->points, image.width, image.height);
+  }
+  extraction.neighbours = neighbours ? &*neighbours : nullptr;
+  if (spec->estimator == Estimator::map) extraction.footprints = footprints_per_row;
+  measured.push_back(extract(image, ambient, prepared->points, rig->camera.model, reduced.light,
+                             basis.grid, basis.valid, *prepared->occluder, extraction));
+  observations.push_back(measured.back());
   extracting.stop();
   if (options.pictures) {
     Stopwatch drawing("pictures", cost);
@@ -158,12 +170,13 @@ void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImag
   shots.push_back(std::move(reduced));
 }
 
-std::vector<BrdfObservations> Reduction::State::observed(bool held_out) const {
-  std::vector<BrdfObservations> chosen;
+std::vector<BrdfObservations> Reduction::State::chosen(const std::vector<BrdfObservations>& from,
+                                                       bool held_out) const {
+  std::vector<BrdfObservations> lights;
   for (std::size_t i = 0; i < shots.size(); ++i) {
-    if (shots[i].shot.held_out == held_out) chosen.push_back(observations[i]);
+    if (shots[i].shot.held_out == held_out) lights.push_back(from[i]);
   }
-  return chosen;
+  return lights;
 }
 
 Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
@@ -231,14 +244,19 @@ Result<void> Reduction::add(const CapturedShot& shot) {
 CurvePoint Reduction::estimate() {
   State& s = *state_;
   Stopwatch fitting("fit", s.cost);
-  const std::vector<BrdfObservations> fitted = s.observed(false);
-  const std::vector<BrdfObservations> held_out = s.observed(true);
+  const std::vector<BrdfObservations> fitted = s.chosen(s.measured, false);
   FitOptions fit_options;
   fit_options.estimator = s.spec->estimator;
   fit_options.model_sigma = s.expected_sigma;
-  AdaptiveFit adapted = fit_adaptive(s.basis, fitted, s.rig->camera.sensor.channels(), fit_options);
+  const AzimuthModel& azimuths = s.prepared->azimuths;
+  AdaptiveFit adapted =
+      fit_refined(s.basis, azimuths, fitted, s.rig->camera.sensor.channels(), fit_options);
   s.coefficients = std::move(adapted.coefficients);
   s.basis.model_sigma = adapted.model_sigma;
+  for (std::size_t i = 0; i < s.measured.size(); ++i) {
+    s.observations[i] = refined(s.measured[i], s.basis, azimuths, s.coefficients);
+    s.observations[i].footprints.clear();
+  }
   fitting.stop();
   Stopwatch reconstructing("reconstruct", s.cost);
   s.reconstruction = reconstruct(s.basis, s.coefficients);
@@ -252,6 +270,7 @@ CurvePoint Reduction::estimate() {
   point.predicted_low_percent = s.reconstruction.predicted_low_percent;
   point.predicted_high_percent = s.reconstruction.predicted_high_percent;
   const double floor = s.basis.mapping.floor;
+  const std::vector<BrdfObservations> held_out = s.chosen(s.observations, true);
   if (!held_out.empty()) {
     const HeldOutError error = held_out_error(held_out, s.reconstruction, floor);
     if (error.rows > 0) point.held_out_error_percent = error.percent;

@@ -30,6 +30,7 @@ struct CurvePoint {
 struct Reference {
   std::string name;
   BrdfTable table;
+  bool simulated = false;  ///< the simulator's own material
 };
 
 /// The truth of a session, as far as there is one: the reference file the session names, or the
@@ -76,7 +77,7 @@ class Reduction {
   /// was added.
   CurvePoint estimate();
 
-  /// Observations added so far, in order of addition.
+  /// Observations added so far, in order of addition; refined by the last estimate() [refine.h].
   const std::vector<BrdfObservations>& observations() const;
   /// The same shots, in the same order.
   const std::vector<ReducedShot>& shots() const;

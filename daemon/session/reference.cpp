@@ -19,12 +19,13 @@ Result<std::optional<Reference>> reference_of(const Rig& rig, const SessionSpec&
   if (!spec.reference.empty()) {
     auto table = load_brdf(spec.reference);
     if (!table) return tl::unexpected(with_context("read the reference", table.error()));
-    reference = {spec.reference.stem().string(), std::move(*table)};
+    reference = {spec.reference.stem().string(), std::move(*table), false};
   } else if (simulated && rig.simulation) {
     const auto truth = sim::truth_of(rig);
     if (!truth) return tl::unexpected(with_context("find the simulated truth", truth.error()));
     reference.name =
         std::filesystem::path(rig.simulation->material).stem().string() + " (simulated truth)";
+    reference.simulated = true;
     reference.table = tabulate(*truth, BivariateGrid{}, azimuths);
   } else {
     return std::nullopt;

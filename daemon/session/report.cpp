@@ -118,7 +118,7 @@ std::string compared_with(const SessionResult& r) {
     text += fmt::format(
         " {} lights picked at random from the same reachable positions give {} with the published "
         "pseudo-inverse ({} components) and {} with the estimator used here (medians of {} sets, "
-        "simulated from the reference with this session's noise).",
+        "each light photographed by the simulated camera with noise and clipping).",
         random->lights, percent(random->pseudo_inverse_percent), random->components,
         percent(random->map_percent), random->sets);
   }

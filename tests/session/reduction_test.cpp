@@ -5,6 +5,7 @@
 #include "daemon/session/baselines.h"
 #include "daemon/session/held_out.h"
 #include "daemon/session/image_sites.h"
+#include "sim/truth.h"
 #include "tests/session/little_lab.h"
 #include "tests/session/scratch.h"
 
@@ -228,22 +229,31 @@ TEST(HeldOut, SaysNothingWithoutARow) {
   EXPECT_TRUE(std::isnan(held_out_error({}, fit, 1e-4).percent));
 }
 
-TEST(RandomLights, DependOnTheSeedAndNotOnTheThreads) {
+TEST(RandomLights, ArePhotographedAndDependOnTheSeedAndNotOnTheThreads) {
   const Scratch scratch;
-  const LittleLab lab(scratch.path());
+  LittleLab lab(scratch.path());
+  for (const LightPosition& light : lab.candidates) {
+    Candidate candidate;
+    candidate.light = light;
+    lab.prepared.candidates.push_back(candidate);
+  }
+  lab.rig.lamp.power = 1;
+  lab.spec.bracket.exposures = {0.001, 0.008, 0.064};
   const BrdfTable truth = truth_table(lab);
-  const std::vector<double> noise{0.01, 0.02};
-  const RandomLights a =
-      random_lights(lab.prepared.fit_basis, lab.prepared.bins, truth, noise, {4, 6, 3, 1});
-  const RandomLights b =
-      random_lights(lab.prepared.fit_basis, lab.prepared.bins, truth, noise, {4, 6, 3, 2});
-  const RandomLights c =
-      random_lights(lab.prepared.fit_basis, lab.prepared.bins, truth, noise, {4, 6, 4, 2});
+  const Reflectance reflectance = sim::interpolated(to_merl(truth, 1));
+  const auto run = [&](std::uint64_t seed, int threads) {
+    return random_lights(lab.rig, lab.spec, lab.prepared, reflectance, truth,
+                         {3, 2, seed, threads});
+  };
+  const RandomLights a = run(3, 1), b = run(3, 2), c = run(4, 2);
   EXPECT_EQ(a.map_percent, b.map_percent);
   EXPECT_EQ(a.pseudo_inverse_percent, b.pseudo_inverse_percent);
   EXPECT_NE(a.map_percent, c.map_percent);
-  EXPECT_EQ(a.lights, 4);
+  EXPECT_EQ(a.lights, 3);
   EXPECT_LT(a.map_percent, mean_only_error(lab.prepared.fit_basis, truth));
+  // Noise is there: the same lights under exposures that hardly gather light come out otherwise.
+  lab.spec.bracket.exposures = {1e-5};
+  EXPECT_GT(run(3, 1).map_percent, a.map_percent);
 }
 
 }  // namespace

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <cstddef>
+
+#include "core/light.h"
+
+namespace lightrig {
+
+/// Geometry of a run of points under one light, one array per quantity.
+struct SiteAngles {
+  static constexpr std::size_t size = 512;
+  alignas(64) double cos_i[size];
+  alignas(64) double cos_o[size];
+  alignas(64) double sum2[size];         ///< |l + v|²; near 0 there is no half vector
+  alignas(64) double difference2[size];  ///< |l − v|²
+  alignas(64) double chord2[size];       ///< 4 sin²(θh/2)
+  alignas(64) double irradiance[size];   ///< falloff · cos θi, per unit of lamp strength
+};
+
+/// Fills the first `count` ≤ size entries from points whose coordinates stand three by three, as
+/// the columns of SurfacePoints do. The same operations in the same order as half_diff(), on any
+/// `level` of processor (vector_level()).
+void angles_of_sites(const double* position, const double* normal, const double* view,
+                     std::size_t count, const LightPosition& light, SiteAngles& out, int level);
+
+}  // namespace lightrig
