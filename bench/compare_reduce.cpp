@@ -15,6 +15,8 @@
 #include "core/builtin_materials.h"
 #include "core/fit.h"
 #include "core/merge_hdr.h"
+#include "core/pixel_neighbours.h"
+#include "core/refine.h"
 #include "core/samples.h"
 #include "core/shapes.h"
 #include "core/surface_points.h"
@@ -170,6 +172,37 @@ std::string run_baseline(const ProblemFolder& folder) {
   return ::pclose(pipe) == 0 ? text : std::string();
 }
 
+double wall_seconds() {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+/// Wall seconds of one shot as a session reduces it, best of three: merge, extraction with mixed
+/// pixels left out and footprints kept, the fit with its refinements.
+double shot_as_in_a_session(const std::vector<Frame>& bracket, const SensorModel& sensor,
+                            const SurfacePoints& points, const CameraModel& camera,
+                            const LightPosition& light, const Occluder& occluder,
+                            const BrdfBasis& basis, ExtractOptions options) {
+  const PixelNeighbours neighbours(points, width, height);
+  options.neighbours = &neighbours;
+  options.drop_mixed = true;
+  options.footprints = 24;
+  options.threads = 2;
+  MergeOptions merge;
+  merge.threads = 2;
+  double best = 1e9;
+  for (int i = 0; i < 3; ++i) {
+    const double begin = wall_seconds();
+    const Result<RadianceImage> image = merge_hdr(bracket, {}, sensor, merge);
+    const std::vector<BrdfObservations> lights = {extract(
+        *image, nullptr, points, camera, light, basis.grid, basis.valid, occluder, options)};
+    const AdaptiveFit fitted = fit_refined(basis, {}, lights, 1, {});
+    if (fitted.coefficients.c.allFinite()) best = std::min(best, wall_seconds() - begin);
+  }
+  return best;
+}
+
 int compare() {
   const SensorModel sensor = bench_sensor();
   const CameraModel camera = bench_camera();
@@ -237,8 +270,11 @@ int compare() {
   line("total", best.total(), numpy.total());
   fmt::print("largest difference of a coefficient, in prior deviations: {:.2e}\nbaseline: {}\n",
              apart, json);
-  fmt::print("speedup_numpy={:.2f} seconds={:.3f} same_coefficients={}\n",
-             numpy.total() / best.total(), best.total(), apart < 1e-3 ? "yes" : "no");
+  const double shot = shot_as_in_a_session(bracket, sensor, points, camera, light, occluder, basis,
+                                           extract_options);
+  fmt::print(
+      "speedup_numpy={:.2f} seconds={:.3f} same_coefficients={} session_shot_2_threads_s={:.3f}\n",
+      numpy.total() / best.total(), best.total(), apart < 1e-3 ? "yes" : "no", shot);
   return apart < 1e-3 ? 0 : 1;
 }
 
