@@ -30,11 +30,19 @@ int complain(const std::string& message) {
   return 1;
 }
 
-// Signals wait until this thread asks for them; every thread made later inherits that.
+// Hands a signal on to the main thread, whose id is the process'.
+extern "C" void hand_to_main_thread(int signal) { tgkill(getpid(), getpid(), signal); }
+
+// Signals wait until this thread asks for them; every thread made later inherits that. Libraries
+// have made threads before main() began, which inherit nothing: what the system delivers to one of
+// those would end the process on the spot, lamp and all.
 sigset_t hold_signals() {
   sigset_t signals;
   sigemptyset(&signals);
-  for (int one : {SIGTERM, SIGINT, SIGHUP}) sigaddset(&signals, one);
+  for (int one : {SIGTERM, SIGINT, SIGHUP}) {
+    sigaddset(&signals, one);
+    std::signal(one, &hand_to_main_thread);
+  }
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
   return signals;

@@ -7,6 +7,7 @@
 #include <thread>
 #include <vector>
 
+#include "daemon/service/api_body.h"
 #include "daemon/service/host.h"
 #include "daemon/session/durable_file.h"
 #include "tests/service/raw_http.h"
@@ -146,6 +147,15 @@ TEST_F(Attack, SurvivesBytesThatAreNoHttp) {
     connection.receive("\r\n\r\n", 300ms);
   }
   EXPECT_EQ(request(RawConnection(socket_), "GET", "/v1/status").status, 200);
+}
+
+TEST(RequestBody, RefusesBracketsInBracketsInsteadOfOverflowingTheStack) {
+  const std::string deep = std::string(1000000, '[') + std::string(1000000, ']');
+  EXPECT_FALSE(jog_body(R"({"axis":)" + deep + "}", {}));
+  EXPECT_FALSE(start_body(R"({"plan":)" + deep + "}"));
+  EXPECT_FALSE(text_member(R"({"note":)" + deep + "}", "note"));
+  EXPECT_EQ(text_member(R"({"note":"[[[ \"{{"})", "note"), "[[[ \"{{")
+      << "what is text is no nesting";
 }
 
 TEST_F(Attack, DropsAClientThatNeverEndsItsRequest) {
