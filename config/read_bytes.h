@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "core/result.h"
@@ -12,5 +13,8 @@ namespace lightrig {
 /// device, too large), refused (permission, read error); the message holds the reason, not the
 /// path.
 Result<std::vector<std::byte>> read_bytes(const std::filesystem::path& file);
+
+/// The same bytes as a string.
+Result<std::string> read_byte_string(const std::filesystem::path& file);
 
 }  // namespace lightrig

@@ -11,32 +11,15 @@
 #include <cerrno>
 #include <cstring>
 #include <system_error>
-#include <utility>
 #include <vector>
+
+#include "config/file_descriptor.h"
+#include "config/read_bytes.h"
 
 namespace lightrig {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A file descriptor that closes itself; close() tells what closing found.
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-
-  int get() const { return fd_; }
-  bool valid() const { return fd_ >= 0; }
-  /// 0, or the errno of closing (NFS and quotas report lost writes here).
-  int close() { return ::close(std::exchange(fd_, -1)) == 0 ? 0 : errno; }
-
- private:
-  int fd_;
-};
 
 /// The error of a system call on a path, with what a person can do about it.
 tl::unexpected<Error> system_failure(std::string_view doing, const fs::path& path, int number) {
@@ -52,7 +35,7 @@ tl::unexpected<Error> system_failure(std::string_view doing, const fs::path& pat
                           std::generic_category().message(number), remedy));
 }
 
-Result<void> write_all(const Descriptor& file, const fs::path& path,
+Result<void> write_all(const FileDescriptor& file, const fs::path& path,
                        std::span<const std::byte> bytes) {
   while (!bytes.empty()) {
     const ssize_t n = ::write(file.get(), bytes.data(), bytes.size());
@@ -69,7 +52,7 @@ Result<void> write_all(const Descriptor& file, const fs::path& path,
 /// Compares what the disk now holds with what was meant. The page cache is asked to forget the file
 /// first, so that on a real disk this reads the medium and not our own memory.
 Result<void> check_written(const fs::path& path, std::span<const std::byte> bytes) {
-  Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  FileDescriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!file.valid()) return system_failure("read back", path, errno);
   ::posix_fadvise(file.get(), 0, 0, POSIX_FADV_DONTNEED);
   std::vector<std::byte> block(std::size_t{1} << 18);
@@ -98,7 +81,7 @@ Result<void> check_written(const fs::path& path, std::span<const std::byte> byte
 }
 
 Result<void> write_part(const fs::path& part, std::span<const std::byte> bytes) {
-  Descriptor file(::open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
+  FileDescriptor file(::open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
   if (!file.valid()) return system_failure("create", part, errno);
   if (auto written = write_all(file, part, bytes); !written) return written;
   if (const int number = file.close(); number != 0) return system_failure("close", part, number);
@@ -108,7 +91,7 @@ Result<void> write_part(const fs::path& part, std::span<const std::byte> bytes) 
 }  // namespace
 
 Result<void> sync_directory(const fs::path& folder) {
-  Descriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  FileDescriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (!directory.valid()) return system_failure("open folder", folder, errno);
   if (::fsync(directory.get()) != 0) return system_failure("flush folder", folder, errno);
   return {};
@@ -153,23 +136,14 @@ Result<void> move_durably(const fs::path& from, const fs::path& to) {
 }
 
 Result<std::string> read_file(const fs::path& path) {
-  Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (!file.valid()) {
-    const int number = errno;
-    if (number == ENOENT || number == ENOTDIR) {
-      return fail(ErrorCode::not_found, fmt::format("read '{}': no such file", path.string()));
-    }
-    return system_failure("read", path, number);
-  }
-  std::string text;
-  std::array<char, 1 << 16> block;
-  while (true) {
-    const ssize_t n = ::read(file.get(), block.data(), block.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return system_failure("read", path, errno);
-    if (n == 0) return text;
-    text.append(block.data(), static_cast<std::size_t>(n));
-  }
+  auto text = read_byte_string(path);
+  if (text) return text;
+  const ErrorCode code = text.error().code;
+  const char* remedy = code == ErrorCode::refused ? "; check who may read it" : "";
+  return fail(
+      code,
+      fmt::format("read '{}': {}{}", path.string(),
+                  code == ErrorCode::not_found ? "no such file" : text.error().message, remedy));
 }
 
 std::string sha256_hex(std::span<const std::byte> bytes) {

@@ -25,7 +25,8 @@ Result<void> make_folder(const std::filesystem::path& folder);
 /// Flushes a folder's list of names to disk. Errors: refused.
 Result<void> sync_directory(const std::filesystem::path& folder);
 
-/// The whole file. Errors: not_found, refused.
+/// The whole of a regular file of at most 4 GiB. Errors: not_found, refused, invalid_input (a
+/// folder or device, too large).
 Result<std::string> read_file(const std::filesystem::path& path);
 
 /// Lower-case hex SHA-256.

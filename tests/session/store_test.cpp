@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/mount.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <chrono>
@@ -58,6 +59,22 @@ TEST(DurableFile, AMissingFileIsNotFoundAndAFolderThatIsAFileIsRefused) {
   ASSERT_FALSE(written);
   EXPECT_EQ(written.error().code, ErrorCode::refused);
   EXPECT_THAT(written.error().message, HasSubstr("file/b"));
+}
+
+// Found as memory filling up: /dev/zero named as a plan, or linked to as session.json.
+TEST(DurableFile, OnlyARegularFileIsRead) {
+  const Scratch scratch;
+  fs::create_symlink("/dev/zero", scratch.path() / "link");
+  ASSERT_EQ(::mkfifo((scratch.path() / "fifo").c_str(), 0600), 0);
+  for (const fs::path& path :
+       {fs::path("/dev/zero"), scratch.path() / "link", scratch.path() / "fifo", scratch.path()}) {
+    const auto text = read_file(path);
+    ASSERT_FALSE(text) << path;
+    EXPECT_EQ(text.error().code, ErrorCode::invalid_input) << path;
+    EXPECT_THAT(text.error().message, HasSubstr(path.string()));
+  }
+  // Files of the kernel say that they are empty, and are not.
+  EXPECT_THAT(read_file("/proc/self/status").value_or(""), HasSubstr("Name:"));
 }
 
 // FIPS 180-2, appendix B.1, and the digest of nothing.
