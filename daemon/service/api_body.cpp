@@ -9,49 +9,32 @@
 #include <numbers>
 #include <string_view>
 
+#include "daemon/session/json_parse.h"
+
 namespace lightrig {
 namespace {
 
-using Json = nlohmann::json;
-
-// Brackets within brackets beyond what any request of ours has. Values are copied and written by
-// recursion: a million of them in a body that is otherwise within its limit would overflow the
-// stack of the thread that serves ABORT.
-bool is_too_deep(std::string_view text) {
-  constexpr int deepest = 64;
-  int depth = 0;
-  bool in_string = false;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (in_string && c == '\\')
-      ++i;
-    else if (c == '"')
-      in_string = !in_string;
-    else if (!in_string && (c == '[' || c == '{') && ++depth > deepest)
-      return true;
-    else if (!in_string && (c == ']' || c == '}'))
-      --depth;
-  }
-  return false;
-}
+using Json = nlohmann::ordered_json;
 
 // An object, or nothing; an empty body is an empty object.
 std::optional<Json> object_of(const std::string& body) {
-  if (is_too_deep(body)) return {};
-  Json json = body.empty() ? Json::object() : Json::parse(body, nullptr, false);
-  if (!json.is_object()) return {};
-  return json;
+  if (body.empty()) return Json::object();
+  auto json = parse_json(body);
+  if (!json || !json->is_object()) return {};
+  return std::move(*json);
 }
 
 Result<Json> known_object(const std::string& body, std::initializer_list<std::string_view> known) {
-  auto json = object_of(body);
-  if (!json) return fail(ErrorCode::invalid_input, "the body must be a JSON object");
+  Result<Json> json = Json::object();
+  if (!body.empty()) json = parse_json(body);
+  if (!json) return tl::unexpected(with_context("read the body", json.error()));
+  if (!json->is_object()) return fail(ErrorCode::invalid_input, "the body must be a JSON object");
   for (const auto& [name, unused] : json->items())
     if (std::find(known.begin(), known.end(), name) == known.end())
       return fail(ErrorCode::invalid_input,
                   fmt::format("unknown member \"{}\"; there are {}", name,
                               fmt::join(known.begin(), known.end(), ", ")));
-  return *json;
+  return json;
 }
 
 Result<std::string> string_of(const Json& json, const char* name) {

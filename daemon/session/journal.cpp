@@ -12,6 +12,7 @@
 
 #include "core/check.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/json_parse.h"
 
 namespace lightrig {
 namespace {
@@ -60,7 +61,9 @@ std::optional<JournalEvent> parse_line(std::string_view line) {
   std::string body(line.substr(0, line.size() - suffix_length));
   body += '}';
   if (line.substr(line.size() - suffix_length) != crc_suffix(body)) return std::nullopt;
-  ordered_json json = ordered_json::parse(body, nullptr, false);
+  auto parsed = parse_json(body);
+  if (!parsed) return std::nullopt;
+  ordered_json json = std::move(*parsed);
   if (!json.is_object() || !json.contains("seq") || !json["seq"].is_number_unsigned() ||
       !json.contains("event") || !json["event"].is_string()) {
     return std::nullopt;

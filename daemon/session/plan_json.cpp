@@ -10,6 +10,7 @@
 
 #include "daemon/session/durable_file.h"
 #include "daemon/session/json_cursor.h"
+#include "daemon/session/json_parse.h"
 
 namespace lightrig {
 namespace {
@@ -270,14 +271,14 @@ Result<void> check_made_for(const Plan& plan, const Prepared& prepared) {
                           other));
 }
 
-Result<Plan> plan_from_json(const std::string& text) {
-  const Json json = Json::parse(text, nullptr, false);
-  if (json.is_discarded()) {
+Result<Plan> plan_from_json(const std::string& text, const std::string& name) {
+  const auto json = parse_json(text);
+  if (!json) {
     return fail(ErrorCode::invalid_input,
-                "read plan.json: it is not JSON, or was cut short; plan again");
+                fmt::format("read {}: {}; plan again", name, json.error().message));
   }
   std::string problem;
-  const JsonCursor root(json, problem);
+  const JsonCursor root(*json, problem);
   if (root["schema"].text() != schema) root["schema"].reject(fmt::format("is not {}", schema));
   Plan plan;
   plan.criterion = value_in(criteria, root["criterion"]);
@@ -300,7 +301,7 @@ Result<Plan> plan_from_json(const std::string& text) {
   plan.predicted_capture_time = root["cost"]["predicted_capture_s"].number();
   plan.inputs = inputs_of(root["inputs"]);
   if (!problem.empty()) {
-    return fail(ErrorCode::invalid_input, "read plan.json: " + problem + "; plan again");
+    return fail(ErrorCode::invalid_input, fmt::format("read {}: {}; plan again", name, problem));
   }
   return plan;
 }

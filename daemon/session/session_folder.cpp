@@ -9,6 +9,7 @@
 #include "daemon/session/durable_file.h"
 #include "daemon/session/input_files.h"
 #include "daemon/session/json_cursor.h"
+#include "daemon/session/json_parse.h"
 #include "daemon/session/plan_json.h"
 
 namespace lightrig {
@@ -90,9 +91,13 @@ Result<Identity> identity_of(const SessionFolder& folder) {
     return fail(text.error().code, fmt::format("'{}' is not a session folder: {}",
                                                folder.root.string(), text.error().message));
   }
-  const auto json = nlohmann::ordered_json::parse(*text, nullptr, false);
+  const auto json = parse_json(*text);
+  if (!json) {
+    return tl::unexpected(
+        with_context(fmt::format("read '{}'", folder.session_json().string()), json.error()));
+  }
   std::string problem;
-  const JsonCursor root(json, problem);
+  const JsonCursor root(*json, problem);
   if (root["schema"].text() != "lightrig.session/1") {
     root["schema"].reject("is not lightrig.session/1");
   }

@@ -110,6 +110,18 @@ TEST_F(Attack, RefusesABodyBeyondItsLimitHoweverItIsSent) {
   EXPECT_THAT(chunked.receive("413", 5s), HasSubstr("413"));
 }
 
+// Found as a crash: a body nested 400,000 deep overran the service's stack.
+TEST_F(Attack, RefusesABodyThatNestsWithoutEnd) {
+  const std::string deep =
+      "{\"plan\":{\"a\":" + std::string(4000, '[') + std::string(4000, ']') + "}}";
+  const RawReply reply =
+      request(RawConnection(socket_), "POST", "/v1/sessions", deep, mutation_headers);
+  EXPECT_EQ(reply.status, 422);
+  EXPECT_THAT(reply.body, HasSubstr("nests deeper than 64 levels"));
+  EXPECT_EQ(request(RawConnection(socket_), "POST", "/v1/lock", deep, mutation_headers).status, 200)
+      << "a note that cannot be read is no note; the service lives";
+}
+
 TEST_F(Attack, FindsNoFileOutsideTheSessionRoot) {
   std::filesystem::create_directories(folder_.path() / "secret");
   ASSERT_TRUE(write_durably(folder_.path() / "secret" / "plan.json", "secret"));

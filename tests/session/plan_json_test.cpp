@@ -114,6 +114,14 @@ TEST(PlanJson, WhatIsWrongIsNamedByItsPath) {
   }
 }
 
+TEST(PlanJson, IsCalledByItsOwnNameAndPlace) {
+  const auto plan = plan_from_json("{\n\"schema\": lightrig}", "p1.json");
+  ASSERT_FALSE(plan);
+  EXPECT_THAT(plan.error().message, HasSubstr("read p1.json: it is not JSON at line 2"));
+  EXPECT_THAT(plan_from_json("{}", "p1.json").error().message,
+              HasSubstr("read p1.json: schema is missing"));
+}
+
 TEST(PlanJson, CutAtAnyByteIsRefused) {
   const std::string text = plan_to_json({}, {}, some_prepared());
   for (std::size_t keep = 0; keep + 2 < text.size(); keep += 7) {

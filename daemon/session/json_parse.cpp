@@ -1,0 +1,61 @@
+#include "daemon/session/json_parse.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace lightrig {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// "line 3, column 7" of a byte, both counted from 1.
+std::string place_of(std::string_view text, std::size_t byte) {
+  const std::string_view before = text.substr(0, std::min(byte, text.size()));
+  const auto line = std::count(before.begin(), before.end(), '\n') + 1;
+  const std::size_t newline = before.rfind('\n');
+  const std::size_t column =
+      newline == std::string_view::npos ? before.size() + 1 : before.size() - newline;
+  return fmt::format("line {}, column {}", line, column);
+}
+
+/// The first byte that opens one level too many; npos when none does.
+std::size_t too_deep_at(std::string_view text) {
+  int depth = 0;
+  bool quoted = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (quoted) {
+      if (c == '\\') ++i;
+      if (c == '"') quoted = false;
+    } else if (c == '"') {
+      quoted = true;
+    } else if (c == '[' || c == '{') {
+      if (++depth > deepest_json) return i;
+    } else if (c == ']' || c == '}') {
+      --depth;
+    }
+  }
+  return std::string_view::npos;
+}
+
+}  // namespace
+
+Result<Json> parse_json(std::string_view text) {
+  if (const std::size_t at = too_deep_at(text); at != std::string_view::npos) {
+    return fail(ErrorCode::invalid_input, fmt::format("it nests deeper than {} levels at {}",
+                                                      deepest_json, place_of(text, at)));
+  }
+  try {
+    return Json::parse(text);
+  } catch (const Json::parse_error& error) {
+    const std::size_t at = error.byte > 0 ? error.byte - 1 : 0;
+    return fail(ErrorCode::invalid_input,
+                at >= text.size() ? std::string("it is not JSON, or was cut short")
+                                  : fmt::format("it is not JSON at {}", place_of(text, at)));
+  } catch (const Json::exception&) {
+    return fail(ErrorCode::invalid_input, "it holds a number that no double can");
+  }
+}
+
+}  // namespace lightrig
