@@ -1,12 +1,14 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
-#include "core/plan.h"
+#include "daemon/session/left_out.h"
 
 namespace lightrig::cli {
 
-/// What the scene did not need, one line each, with what was needed beside it.
-std::string left_out_table(const LeftOut& left_out);
+/// What the scene did not need, one line each, "left out | of"; then the drivers.
+std::string left_out_table(const std::vector<LeftOutLine>& lines,
+                           const std::vector<std::string>& drivers_not_opened);
 
 }  // namespace lightrig::cli

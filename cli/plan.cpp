@@ -115,7 +115,8 @@ std::string plan_words(const Rig& rig, const Prepared& prepared) {
   words += fmt::format("zero line  the mean material alone, no light at all: {}\n\n",
                        percent(plan.mean_only_error_percent));
   words += light_table(rig, plan) + "\n";
-  words += left_out_table(plan.left_out) + "\n" + cost_table(prepared.cost);
+  words += left_out_table(planned_left_out(prepared), plan.left_out.drivers_not_opened) + "\n" +
+           cost_table(prepared.cost);
   return words + remark_words(prepared.remarks);
 }
 

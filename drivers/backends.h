@@ -1,6 +1,8 @@
 #pragma once
 
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "config/rig.h"
 #include "drivers/devices.h"
@@ -27,5 +29,10 @@ Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, const AravisCamera& 
 Backend modbus_backend();
 Backend usb_backend();
 Backend aravis_backend();
+
+/// Names of the backends whose devices a rig file names.
+std::vector<std::string> backends_named_by(const Rig& rig);
+/// Names of the others, which opening the rig leaves alone; all of them where it is simulated.
+std::vector<std::string> drivers_not_opened(const Rig& rig, bool simulated);
 
 }  // namespace lightrig

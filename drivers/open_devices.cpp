@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <variant>
 
 #include "drivers/backends.h"
@@ -49,6 +50,25 @@ Result<Devices> open_devices(const Rig& rig, Clock& clock) {
   if (!camera) return tl::unexpected(with_context("open camera", camera.error()));
   devices.camera = std::move(*camera);
   return devices;
+}
+
+std::vector<std::string> backends_named_by(const Rig& rig) {
+  std::vector<std::string> names;
+  if (std::holds_alternative<ModbusGantry>(rig.gantry.backend) ||
+      std::holds_alternative<ModbusLamp>(rig.lamp.backend))
+    names.emplace_back("modbus");
+  if (std::holds_alternative<GrblGantry>(rig.gantry.backend)) names.emplace_back("usb");
+  if (std::holds_alternative<AravisCamera>(rig.camera.backend)) names.emplace_back("aravis");
+  return names;
+}
+
+std::vector<std::string> drivers_not_opened(const Rig& rig, bool simulated) {
+  const std::vector<std::string> named = backends_named_by(rig);
+  std::vector<std::string> names;
+  for (const Backend& backend : backends())
+    if (simulated || std::find(named.begin(), named.end(), backend.name) == named.end())
+      names.push_back(backend.name);
+  return names;
 }
 
 std::vector<Backend> backends() { return {modbus_backend(), usb_backend(), aravis_backend()}; }

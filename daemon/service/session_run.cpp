@@ -10,6 +10,7 @@
 #include "daemon/session/durable_file.h"
 #include "daemon/session/plan_json.h"
 #include "daemon/session/reduction.h"
+#include "drivers/backends.h"
 #include "sim/open_devices.h"
 
 namespace lightrig {
@@ -82,6 +83,8 @@ Result<std::string> Service::do_session(SessionControl& control, const std::stri
     log_.debug("remark", {{"session", id}, {"text", remark}});
   if (control.stop_token().stop_requested())
     return fail(ErrorCode::stopped, "aborted while planning; nothing had moved");
+  // Here it is known what opening the rig opens; a plan made elsewhere could only tell by the file.
+  prepared->plan.left_out.drivers_not_opened = drivers_not_opened(rig, settings_.simulate);
   auto folder = create_session(rig, request.spec, *prepared, id);
   if (!folder) return refuse_session(folder.error());
   log_.info("planned",

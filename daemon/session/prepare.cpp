@@ -14,6 +14,7 @@
 #include "core/route.h"
 #include "daemon/session/capture_time.h"
 #include "daemon/session/lay_candidates.h"
+#include "drivers/backends.h"
 
 namespace lightrig {
 namespace {
@@ -285,16 +286,6 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
   return {};
 }
 
-std::vector<std::string> drivers_not_opened(const Rig& rig) {
-  const bool modbus = std::holds_alternative<ModbusGantry>(rig.gantry.backend) ||
-                      std::holds_alternative<ModbusLamp>(rig.lamp.backend);
-  std::vector<std::string> names;
-  if (!modbus) names.emplace_back("modbus");
-  if (!std::holds_alternative<GrblGantry>(rig.gantry.backend)) names.emplace_back("usb");
-  if (!std::holds_alternative<AravisCamera>(rig.camera.backend)) names.emplace_back("aravis");
-  return names;
-}
-
 /// Everything but the choice of lights.
 Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec) {
   Prepared prepared;
@@ -307,7 +298,7 @@ Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec) {
   left_out.components_available = static_cast<int>(prepared.fit_basis.components());
   left_out.components_used = static_cast<int>(prepared.plan_basis.components());
   left_out.channels_not_needed = 3 - rig.camera.sensor.channels();
-  left_out.drivers_not_opened = drivers_not_opened(rig);
+  left_out.drivers_not_opened = drivers_not_opened(rig, false);
   return prepared;
 }
 

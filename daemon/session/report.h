@@ -46,10 +46,4 @@ std::string report_html(const SessionResult& result, const ResultPictures& pictu
 /// The page's style sheet.
 std::string_view report_style();
 
-/// Base 64 [RFC 4648].
-std::string base64(const std::vector<std::byte>& bytes);
-
-/// "4.2 s", "3 min 12 s", "1 h 05 min".
-std::string spoken_duration(double seconds);
-
 }  // namespace lightrig

@@ -86,8 +86,10 @@ Json to_json(const LightResult& light) {
 Json to_json(const std::vector<LeftOutLine>& lines, const std::vector<std::string>& drivers) {
   Json json = Json::object();
   for (const LeftOutLine& line : lines) {
-    json[line.name] = {{"left_out", line.left_out},
-                       {"done", line.done ? Json(*line.done) : Json(nullptr)},
+    json[line.name] = {{"what", line.what},
+                       {"left_out", line.left_out},
+                       {"of", line.of ? Json(*line.of) : Json(nullptr)},
+                       {"done", line.of ? Json(*line.of - line.left_out) : Json(nullptr)},
                        {"why", line.why}};
   }
   json["drivers_not_opened"] = drivers;

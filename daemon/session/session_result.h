@@ -10,6 +10,7 @@
 #include "core/samples.h"
 #include "daemon/session/baselines.h"
 #include "daemon/session/held_out.h"
+#include "daemon/session/left_out.h"
 #include "daemon/session/reduction.h"
 
 namespace lightrig {
@@ -32,15 +33,6 @@ struct Baselines {
   double mean_only_percent = 0;
   bool mean_only_is_true = false;  ///< against the reference; else predicted
   std::optional<RandomLights> random_lights;
-};
-
-/// One line of "what this scene did not need".
-struct LeftOutLine {
-  std::string name;  ///< key in result.json
-  std::string what;  ///< for a person
-  std::int64_t left_out = 0;
-  std::optional<std::int64_t> done;
-  std::string why;
 };
 
 /// Everything a finished reduction knows; result.json and report.html are two ways of writing it.

@@ -17,8 +17,6 @@ std::int64_t used_exposures(const CapturedShot& shot) {
   });
 }
 
-bool as_asked(const std::string& remark) { return remark.ends_with("held out, as asked"); }
-
 bool repaired(const MeshRepairs& r) {
   return r.non_finite_vertices + r.degenerate_triangles + r.duplicate_triangles +
                  r.non_manifold_edges >
@@ -30,53 +28,20 @@ bool repaired(const MeshRepairs& r) {
 
 std::vector<LeftOutLine> left_out_lines(const SessionRecord& record, const Prepared& prepared,
                                         const BrdfBasis& basis) {
-  const LeftOut& out = record.plan.left_out;
-  const BinningStatistics& binning = out.binning;
-  const SelectionStatistics& selection = out.selection;
-  std::int64_t taken = 0, skipped = 0, fitted = 0;
+  std::vector<LeftOutLine> lines = planned_left_out(prepared);
+  std::int64_t taken = 0, skipped = 0;
   for (const CapturedShot& shot : record.shots) {
     taken += used_exposures(shot);
     skipped += static_cast<std::int64_t>(shot.exposures_skipped.size());
-    fitted += shot.held_out ? 0 : 1;
   }
-  const auto filled_cells = static_cast<std::int64_t>(prepared.bins.cell.size());
-  const int channels = record.rig.camera.sensor.channels();
-  std::vector<LeftOutLine> lines;
-  lines.push_back({"shadow_rays", "shadow rays", binning.rays_left_out, binning.rays_cast,
-                   binning.convex ? "the object is convex: nothing can shade it"
-                                  : "their cell already had an unshadowed point"});
-  lines.push_back({"back_facing", "point and light pairs", binning.back_facing,
-                   binning.points_tested, "the light is behind the surface, or too oblique"});
-  lines.push_back({"repeated_bins", "repeated bins", binning.repeated, filled_cells,
-                   "the same light had filled the cell already"});
-  lines.push_back({"no_half_vector", "pairs without a half vector", binning.no_half_vector,
-                   std::nullopt, "light exactly behind the object"});
-  lines.push_back({"identical_candidates", "candidates merged", selection.identical_candidates,
-                   out.candidates_offered, "they add the same cells as another"});
-  lines.push_back({"exact_evaluations", "exact evaluations of the criterion",
-                   selection.bounded_away, selection.exact_evaluations,
-                   "a bound already showed a better candidate"});
-  lines.push_back({"candidates_unreachable", "candidates out of reach", out.candidates_unreachable,
-                   out.candidates_offered, "beyond the gantry's travel"});
-  lines.push_back({"candidates_kept_out", "candidates kept out", out.candidates_kept_out,
-                   out.candidates_offered, "inside a keep-out volume or the camera's view"});
-  lines.push_back({"candidates_empty", "candidates that show nothing", selection.empty_candidates,
-                   out.candidates_offered, "no visible point is lit from there"});
-  lines.push_back({"lights", "lights", out.lights_not_needed, fitted,
-                   "the stopping rule found them not worth their time"});
-  lines.push_back({"exposures", "exposures", skipped, taken,
+  lines.push_back({"exposures", "exposures", skipped, skipped + taken,
                    "the metering frame showed that no lit pixel needs them"});
-  lines.push_back({"components", "components", out.components_available - basis.components(),
-                   basis.components(),
+  const int available = record.plan.left_out.components_available;
+  lines.push_back({"components", "components of the fit",
+                   std::max<std::int64_t>(available - basis.components(), 0), available,
                    record.spec.estimator == Estimator::map
                        ? "the prior makes limiting them needless"
                        : "the pseudo-inverse has no prior to hold them"});
-  lines.push_back({"materials", "materials of the set",
-                   std::count_if(prepared.remarks.begin(), prepared.remarks.end(), as_asked),
-                   basis.materials, "held out of the basis, as the session asks"});
-  lines.push_back({"channels", "colour channels", out.channels_not_needed, channels,
-                   channels == 1 ? "the camera is monochrome" : "all are used"});
-  for (LeftOutLine& line : lines) line.left_out = std::max<std::int64_t>(line.left_out, 0);
   return lines;
 }
 
@@ -87,7 +52,7 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
     // What the object is, is no warning, what had to be repaired in it, is; nor is it one that
     // materials were left out because the session asks for it.
     const bool description = remark == prepared.object.description;
-    if (as_asked(remark) || (description && !repaired(prepared.object.repairs))) continue;
+    if (held_out_as_asked(remark) || (description && !repaired(prepared.object.repairs))) continue;
     lines.push_back(remark);
   }
   if (!result.absolute_scale) {

@@ -9,8 +9,7 @@
 
 namespace lightrig {
 
-/// What the scene did not need, from the plan's counts and the session's skipped exposures, in the
-/// order people read it.
+/// What the scene did not need: the plan's lines, then what the capture and the fit left out.
 std::vector<LeftOutLine> left_out_lines(const SessionRecord& record, const Prepared& prepared,
                                         const BrdfBasis& basis);
 

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/session/chart.h"
+#include "daemon/session/report_text.h"
 
 namespace lightrig {
 namespace {
