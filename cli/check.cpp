@@ -2,10 +2,11 @@
 #include <fmt/format.h>
 
 #include "cli/json_fields.h"
+#include "cli/panel_backend.h"
 #include "cli/rig_files.h"
 #include "cli/say.h"
 #include "cli/verbs.h"
-#include "drivers/devices.h"
+#include "drivers/backends.h"
 
 namespace lightrig::cli {
 namespace {
@@ -20,20 +21,9 @@ void add_json(Json& list, const std::vector<Diagnostic>& diagnostics) {
                     {"suggestion", one.suggestion}});
 }
 
-// The name of a backend's build option where the rig names real hardware; "" for what is simulated.
-std::vector<std::string> backends_needed(const Rig& rig) {
-  std::vector<std::string> names;
-  if (std::holds_alternative<ModbusGantry>(rig.gantry.backend) ||
-      std::holds_alternative<ModbusLamp>(rig.lamp.backend))
-    names.emplace_back("modbus");
-  if (std::holds_alternative<GrblGantry>(rig.gantry.backend)) names.emplace_back("usb");
-  if (std::holds_alternative<AravisCamera>(rig.camera.backend)) names.emplace_back("aravis");
-  return names;
-}
-
 int tell_backends_needed(const Rig& rig) {
   int absent = 0;
-  for (const std::string& name : backends_needed(rig))
+  for (const std::string& name : backends_named_by(rig))
     for (const Backend& backend : lightrig::backends())
       if (backend.name == name && !backend.built) {
         complain(fmt::format("the rig names a {} device, but {}", name, backend.remedy));
@@ -64,7 +54,9 @@ int check(const CheckOptions& options) {
 }
 
 int backends(bool json) {
-  const auto all = lightrig::backends();
+  std::vector<Backend> all = lightrig::backends();
+  all.push_back(panel_backend());
+  all.push_back({"sim", true, ""});  // the laboratory in memory is part of every build
   if (json) {
     Json list = Json::array();
     for (const Backend& one : all)
@@ -75,7 +67,7 @@ int backends(bool json) {
   std::string text;
   for (const Backend& one : all)
     text += fmt::format("{:<8} {}\n", one.name, one.built ? "built in" : "absent: " + one.remedy);
-  say(text + "sim      built in (always)");
+  say(text);
   return 0;
 }
 
