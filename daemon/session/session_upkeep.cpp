@@ -13,7 +13,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Every regular file below a folder, relative to `root`, sorted. Links are not followed.
+}  // namespace
+
 Result<std::vector<fs::path>> files_below(const fs::path& folder, const fs::path& root) {
   std::vector<fs::path> files;
   std::error_code problem;
@@ -31,8 +32,6 @@ Result<std::vector<fs::path>> files_below(const fs::path& folder, const fs::path
   std::ranges::sort(files);
   return files;
 }
-
-}  // namespace
 
 Result<std::vector<std::string>> set_aside_frames(const SessionFolder& folder,
                                                   const std::set<fs::path>& vouched_for,

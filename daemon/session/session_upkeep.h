@@ -9,6 +9,11 @@
 
 namespace lightrig {
 
+/// Every regular file below a folder, relative to `root`, sorted; none where there is no folder.
+/// Links are not followed. Errors: refused.
+Result<std::vector<std::filesystem::path>> files_below(const std::filesystem::path& folder,
+                                                       const std::filesystem::path& root);
+
 /// Moves every file under frames/ that is not vouched for (paths relative to the session folder) to
 /// rejected/SEQUENCE/…, so that nothing is deleted and no name is taken twice; the files moved,
 /// sorted. Errors: no_space, refused.

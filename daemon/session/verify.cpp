@@ -12,8 +12,10 @@
 #include "daemon/session/compare.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/image_numbers.h"
+#include "daemon/session/json_parse.h"
 #include "daemon/session/manifest.h"
 #include "daemon/session/reduction.h"
+#include "daemon/session/session_upkeep.h"
 
 namespace lightrig {
 namespace {
@@ -80,12 +82,12 @@ std::string difference(const Json& a, const Json& b, const std::string& path) {
 
 // Compares the JSON of two files without what was measured on the clock.
 std::string json_difference(const std::string& a, const std::string& b) {
-  Json left = Json::parse(a, nullptr, false), right = Json::parse(b, nullptr, false);
-  if (left.is_discarded() || right.is_discarded()) return "is not JSON";
-  for (Json* json : {&left, &right}) {
+  auto left = parse_json(a), right = parse_json(b);
+  if (!left || !right) return "is not JSON";
+  for (Json* json : {&*left, &*right}) {
     if (json->is_object()) json->erase("cost");
   }
-  const std::string where = difference(left, right, "");
+  const std::string where = difference(*left, *right, "");
   return where.empty() ? "" : "differs at " + where.substr(1);
 }
 
@@ -181,7 +183,7 @@ Reproduction reproduce(const fs::path& session, const fs::path& again) {
   return out;
 }
 
-// Every file that was sealed, against its checksum then.
+// Every file that was sealed, against its checksum then; and every file against the list.
 int check_manifest(const SessionFolder& folder, std::vector<std::string>& findings) {
   const auto digests = read_manifest(folder);
   if (!digests) {
@@ -195,6 +197,18 @@ int check_manifest(const SessionFolder& folder, std::vector<std::string>& findin
     } else if (sha256_hex(*bytes) != digest) {
       findings.push_back(name + ": is not what was sealed (checksum differs)");
     }
+  }
+  const auto files = files_below(folder.root, folder.root);
+  if (!files) {
+    findings.push_back(files.error().message);
+    return static_cast<int>(digests->size());
+  }
+  for (const fs::path& file : *files) {
+    if (folder.root / file == folder.manifest() || digests->contains(file.generic_string())) {
+      continue;
+    }
+    findings.push_back(file.generic_string() +
+                       ": is not in the manifest: it was put there after the session was sealed");
   }
   return static_cast<int>(digests->size());
 }
@@ -241,6 +255,10 @@ std::string check_reduction(const fs::path& session, int threads,
       found.equal_bytes, found.equal_numbers, relative_tolerance);
 }
 
+std::string counted(std::size_t findings) {
+  return fmt::format("{} finding{}", findings, findings == 1 ? "" : "s");
+}
+
 }  // namespace
 
 Result<VerifyReport> verify_session(const fs::path& session, int threads) {
@@ -258,7 +276,8 @@ Result<VerifyReport> verify_session(const fs::path& session, int threads) {
   const auto record = read_session_folder(session);
   if (!record) {
     report.findings.push_back(record.error().message);
-    report.summary = fmt::format("'{}' is damaged", session.string());
+    report.summary =
+        fmt::format("'{}' is damaged: {}", session.string(), counted(report.findings.size()));
     return report;
   }
   const int frames = check_frames(*record, report.findings);
@@ -266,7 +285,8 @@ Result<VerifyReport> verify_session(const fs::path& session, int threads) {
       frames == 0 ? "nothing captured yet" : check_reduction(session, threads, report.findings);
   report.sound = report.findings.empty();
   report.summary = fmt::format(
-      "{}: {}, {} journal events, {} frames, {}; {}", session.filename().string(), record->state,
+      "{}: {}: {}, {} journal events, {} frames, {}; {}", session.filename().string(),
+      report.sound ? "sound" : counted(report.findings.size()), record->state,
       record->events.size(), frames,
       sealed ? fmt::format("{} sealed files", sealed_files) : std::string("not sealed yet"),
       reduction);

@@ -9,6 +9,7 @@
 #include "daemon/session/compare.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/image_numbers.h"
+#include "daemon/session/left_out.h"
 #include "daemon/session/manifest.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/session.h"
@@ -56,6 +57,7 @@ class Story : public testing::Test {
     ASSERT_TRUE(spec.value);
     const auto prepared = prepare(*rig.value, *spec.value);
     ASSERT_TRUE(prepared) << prepared.error().message;
+    planned_ = planned_left_out(*prepared);
     const auto folder = create_session(*rig.value, *spec.value, *prepared, "story");
     ASSERT_TRUE(folder) << folder.error().message;
     const auto clock = sim::make_clock(std::numeric_limits<double>::infinity());
@@ -82,12 +84,14 @@ class Story : public testing::Test {
 
   static std::unique_ptr<Scratch> shared_;
   static std::optional<ReductionSummary> summary_;
+  static std::vector<LeftOutLine> planned_;
   Scratch scratch_;
   const fs::path session_ = scratch_.path() / "story";
 };
 
 std::unique_ptr<Scratch> Story::shared_;
 std::optional<ReductionSummary> Story::summary_;
+std::vector<LeftOutLine> Story::planned_;
 
 TEST_F(Story, AMaterialTheBasisNeverSawComesBack) {
   ASSERT_TRUE(summary_->has_truth);
@@ -128,12 +132,26 @@ TEST_F(Story, ResultJsonAgreesWithTheFilesBesideIt) {
   }
 }
 
+TEST_F(Story, TheResultSaysTheSameOfWhatWasLeftOutAsThePlan) {
+  const auto json = nlohmann::json::parse(read_file(session_ / "result/result.json").value());
+  ASSERT_GT(planned_.size(), 10U);
+  for (const LeftOutLine& line : planned_) {
+    const auto& told = json["left_out"][line.name];
+    EXPECT_EQ(told["left_out"], line.left_out) << line.name;
+    EXPECT_EQ(told["of"], line.of.value()) << line.name;
+    EXPECT_LE(line.left_out, line.of.value()) << line.name;
+    EXPECT_EQ(told["left_out"].get<int>() + told["done"].get<int>(), told["of"]) << line.name;
+  }
+  EXPECT_EQ(json["left_out"]["candidates_unreachable"]["of"], 120) << "candidates of the rig file";
+}
+
 TEST_F(Story, IsFoundSound) {
   const auto report = verify_session(session_, 1);  // reduced with two threads
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_THAT(report->findings, SizeIs(0));
   EXPECT_TRUE(report->sound);
   EXPECT_THAT(report->summary, HasSubstr("reproduced"));
+  EXPECT_THAT(report->summary, HasSubstr("story: sound: done"));
 }
 
 TEST_F(Story, KeepsItsSealWhenReducedAgain) {
@@ -198,6 +216,16 @@ TEST_F(Story, NamesAMissingFile) {
   const auto report = verify_session(session_, 1);
   ASSERT_TRUE(report);
   EXPECT_THAT(report->findings, testing::Contains(HasSubstr("radiance/L02.exr")));
+}
+
+TEST_F(Story, NamesAFileThatWasPutThereAfterTheSeal) {
+  std::ofstream(session_ / "frames/L01/more.exr") << "not a frame of this session";
+  const auto report = verify_session(session_, 2);
+  ASSERT_TRUE(report);
+  EXPECT_FALSE(report->sound);
+  EXPECT_THAT(report->findings,
+              testing::ElementsAre(HasSubstr("frames/L01/more.exr: is not in the manifest")));
+  EXPECT_THAT(report->summary, HasSubstr("story: 1 finding: "));
 }
 
 TEST_F(Story, IsComparedAndExported) {
