@@ -45,12 +45,14 @@ Result<void> CaptureRun::recover(const std::string& step, Error error, RetryTall
     Remedy remedy = tally.next(error.code);
     if (remedy == Remedy::reopen && !t_.reopen) remedy = Remedy::give_up;
     if (remedy == Remedy::give_up) return tl::unexpected(error);
-    if (remedy != Remedy::wait_for_space) {
-      auto noted = note("retry", {{"step", step},
-                                  {"code", name_of(error.code)},
-                                  {"reason", error.message},
-                                  {"remedy", name_of(remedy)}});
-      if (!noted) return noted;
+    const nlohmann::ordered_json retry{{"step", step},
+                                       {"code", name_of(error.code)},
+                                       {"reason", error.message},
+                                       {"remedy", name_of(remedy)}};
+    // A refusal is asked again only once its cause has been put right: until then it is no retry.
+    const bool certain = remedy == Remedy::again || remedy == Remedy::reopen;
+    if (certain) {
+      if (auto noted = note("retry", retry); !noted) return noted;
     }
     Result<void> mended;
     if (remedy == Remedy::wait_for_space) {
@@ -59,6 +61,7 @@ Result<void> CaptureRun::recover(const std::string& step, Error error, RetryTall
       if (remedy == Remedy::reopen) mended = hand_.reopen(t_.reopen);
       if (mended) mended = look(remedy == Remedy::mend ? std::optional(error) : std::nullopt);
     }
+    if (mended && remedy == Remedy::mend) return note("retry", retry);
     if (mended) return {};
     const bool same = mended.error().message == error.message;
     error = mended.error();
