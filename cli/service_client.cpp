@@ -8,10 +8,11 @@
 #include <thread>
 #include <utility>
 
+#include "cli/json_fields.h"
+#include "daemon/session/json_parse.h"
+
 namespace lightrig::cli {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 struct Reply {
   long status = 0;
@@ -42,8 +43,7 @@ struct EventCutter {
       if (line.starts_with("data: ")) data = line.substr(6);
     }
     if (data.empty()) return;  // a heartbeat
-    const Json json = Json::parse(data, nullptr, false);
-    if (!json.is_discarded()) go_on = on_event(event, json);
+    if (const auto json = parse_json(data)) go_on = on_event(event, *json);
   }
 };
 
@@ -119,9 +119,9 @@ ErrorCode code_named(const std::string& name) {
 // The service's own words where it refuses.
 Result<std::string> body_of(const Reply& reply) {
   if (reply.status >= 200 && reply.status < 300) return reply.body;
-  const Json json = Json::parse(reply.body, nullptr, false);
-  if (json.is_object() && json.contains("error") && json["error"].is_object())
-    return fail(code_named(json["error"].value("code", "")), json["error"].value("message", ""));
+  const auto json = parse_json(reply.body);
+  const Json& error = json ? part(*json, "error") : Json();
+  if (error.is_object()) return fail(code_named(text(error, "code")), text(error, "message"));
   return fail(ErrorCode::refused, fmt::format("the service answered {}", reply.status));
 }
 
@@ -137,8 +137,8 @@ Result<std::string> call(Transfer& transfer, const std::string& socket) {
 
 Result<Json> parsed(const Result<std::string>& body) {
   if (!body) return tl::unexpected(body.error());
-  Json json = Json::parse(*body, nullptr, false);
-  if (json.is_discarded()) return fail(ErrorCode::refused, "the service's answer is not JSON");
+  auto json = parse_json(*body);
+  if (!json) return fail(ErrorCode::refused, "read the service's answer: " + json.error().message);
   return json;
 }
 
@@ -168,8 +168,9 @@ Result<void> ServiceClient::events(
   transfer.deliver_to(&cut_events, &cutter);
   const CURLcode code = transfer.run();
   if (!cutter.go_on) return {};
-  if (code != CURLE_OK) return unreachable(socket_, code);
-  if (transfer.status() != 200)
+  // A stream that had begun is cut by the end of the service, not by a wrong socket.
+  if (code != CURLE_OK && transfer.status() == 0) return unreachable(socket_, code);
+  if (code == CURLE_OK && transfer.status() != 200)
     return fail(ErrorCode::refused,
                 fmt::format("the service answered {} to {}", transfer.status(), path));
   return fail(ErrorCode::disconnected, "the service ended: it was stopped, or has failed");

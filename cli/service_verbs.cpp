@@ -76,6 +76,30 @@ Result<std::string> session_or_current(const ServiceClient& client, const std::s
   return text((*status)["session"], "id");
 }
 
+// How a session of the list stands, and what goes on with it.
+std::string standing(const Json& one, const std::string& root) {
+  const std::string state = text(one, "state"), id = text(one, "id");
+  if (one.value("result", false)) return "result";
+  if (state == "done") return fmt::format("captured, no result; lightrig reduce {}/{}", root, id);
+  if (state == "damaged") return fmt::format("damaged; lightrig verify {}/{}", root, id);
+  if (state.empty()) return "no result";
+  const std::string so_far = fmt::format("{} after {} of {} lights", state,
+                                         whole(one, "shots_done"), whole(one, "shots_planned"));
+  return state == "capturing" ? so_far : fmt::format("{}; lightrig resume {}", so_far, id);
+}
+
+// The newest session where it waits for somebody to go on with it: after a crash nothing else says
+// that one was under way.
+std::string unfinished_words(const ServiceClient& client) {
+  const auto reply = client.get_json("/v1/sessions");
+  if (!reply || part(*reply, "sessions").empty()) return {};
+  const Json& newest = part(*reply, "sessions").front();
+  const std::string state = text(newest, "state");
+  if (newest.value("result", false) || (state != "interrupted" && state != "paused")) return {};
+  return fmt::format("unfinished {}: {}\n", text(newest, "id"),
+                     standing(newest, text(*reply, "root")));
+}
+
 int finish(const Result<Json>& reply, bool json, const std::string& done) {
   if (!reply) return complain(reply.error());
   say(json ? reply->dump() : done);
@@ -143,9 +167,15 @@ int carry_out(const ServiceOptions& options, const std::string& path, const Json
 }  // namespace
 
 int status(const ServiceOptions& options) {
-  const auto status = ServiceClient(options).get_json("/v1/status");
+  const ServiceClient client(options);
+  const auto status = client.get_json("/v1/status");
   if (!status) return complain(status.error());
-  say(options.json ? status->dump() : status_words(*status));
+  if (options.json) {
+    say(status->dump());
+    return 0;
+  }
+  say(status_words(*status) +
+      (part(*status, "session").is_object() ? "" : unfinished_words(client)));
   return 0;
 }
 
@@ -226,7 +256,7 @@ int sessions(const ServiceOptions& options) {
   }
   std::vector<std::vector<std::string>> rows;
   for (const Json& one : reply->value("sessions", Json::array()))
-    rows.push_back({text(one, "id"), one.value("result", false) ? "result" : "no result"});
+    rows.push_back({text(one, "id"), standing(one, text(*reply, "root"))});
   say(table({"session in " + text(*reply, "root"), ""}, rows));
   return 0;
 }

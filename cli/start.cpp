@@ -10,6 +10,8 @@
 #include "cli/service_client.h"
 #include "cli/verbs.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/json_parse.h"
+#include "daemon/session/plan_json.h"
 
 namespace lightrig::cli {
 namespace {
@@ -39,15 +41,25 @@ int tell_end(const Json& session, bool json) {
   return 0;
 }
 
+std::string service_ended(const std::string& id, const std::string& state) {
+  if (state == "planning")
+    return fmt::format(
+        "the service ended while session {} was being planned; nothing had moved: start the "
+        "service again, then the session anew",
+        id);
+  return fmt::format(
+      "the service ended during session {}; start it again and arm, then lightrig resume {}", id,
+      id);
+}
+
 // Follows a session to its end: its events for the screen, the state for the verdict.
 int follow(const ServiceClient& client, const std::string& id, bool json) {
   ProgressView view(on_terminal(), terminal_width());
   Json last = nullptr;
   std::string state;
   const auto on_event = [&](std::string_view event, const Json& data) {
-    if (event == "state" && data.contains("session") && data["session"].is_object()) {
+    if (event == "state" && text(part(data, "session"), "id") == id) {
       last = data["session"];
-      if (!id.empty() && text(last, "id") != id) return true;
       if (!json && text(last, "state") != state) {
         state = text(last, "state");
         const std::string reason = text(last, "reason");
@@ -55,7 +67,7 @@ int follow(const ServiceClient& client, const std::string& id, bool json) {
       }
       return !has_ended(text(last, "state"));
     }
-    if (event == "progress") {
+    if (event == "progress" && text(data, "session") == id) {
       if (json)
         say(data.dump());
       else
@@ -65,6 +77,8 @@ int follow(const ServiceClient& client, const std::string& id, bool json) {
   };
   const auto read = client.events("/v1/events", on_event);
   view.end();
+  if (!read && read.error().code == ErrorCode::disconnected && !last.is_null())
+    return complain(service_ended(id, text(last, "state")));
   if (!read) return complain(read.error());
   return tell_end(last, json);
 }
@@ -82,10 +96,12 @@ Result<Json> start_request(const StartOptions& options) {
   if (!options.plan.empty()) {
     const auto plan = read_file(options.plan);
     if (!plan) return tl::unexpected(with_context("read the plan", plan.error()));
-    Json json = Json::parse(*plan, nullptr, false);
-    if (!json.is_object())
-      return fail(ErrorCode::invalid_input, fmt::format("{} is not a plan.json", options.plan));
-    body["plan"] = std::move(json);
+    // Checked here too: here the file has a name.
+    if (auto checked = plan_from_json(*plan, options.plan); !checked)
+      return tl::unexpected(checked.error());
+    auto json = parse_json(*plan);
+    if (!json) return tl::unexpected(with_context("read " + options.plan, json.error()));
+    body["plan"] = std::move(*json);
   }
   return body;
 }

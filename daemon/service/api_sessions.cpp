@@ -17,6 +17,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr std::size_t most_listed = 500;
+constexpr std::size_t most_examined = 50;  // reading a folder back takes milliseconds
 
 HttpReply json_reply(int status, const Json& json) {
   return {status,
@@ -36,6 +37,16 @@ std::vector<std::string> session_names(const fs::path& root) {
   }
   std::sort(names.rbegin(), names.rend());
   return names;
+}
+
+// How far a session without a result came; "interrupted" when its service ended without a word.
+Json progress_of(const fs::path& folder, bool in_hand) {
+  const auto record = read_session_folder(folder);
+  if (!record) return {{"state", "damaged"}};
+  const bool cut_short = record->state == "capturing" && !in_hand;
+  return {{"state", cut_short ? "interrupted" : record->state},
+          {"shots_done", record->shots.size()},
+          {"shots_planned", record->plan.shots.size()}};
 }
 
 HttpReply file_of(const fs::path& root, const std::string& id, const fs::path& file) {
@@ -97,8 +108,8 @@ HttpAnswer Api::start(const HttpRequest& request, const std::string&) {
     if (!spec) return error_reply(spec.error());
     StartRequest start{std::move(*spec), {}, body.key};
     if (!body.plan.empty()) {
-      auto plan = plan_from_json(body.plan);
-      if (!plan) return error_reply(with_context("read the plan", plan.error()));
+      auto plan = plan_from_json(body.plan, "the plan");
+      if (!plan) return error_reply(plan.error());
       start.plan = std::move(*plan);
     }
     const auto id = service_.start(caller, std::move(start));
@@ -111,16 +122,21 @@ HttpAnswer Api::start(const HttpRequest& request, const std::string&) {
 
 HttpAnswer Api::list_sessions(const HttpRequest&, const std::string&) {
   return HttpLater{[this]() -> HttpReply {
+    const fs::path& root = service_.rig().session_root;
+    const Snapshot moment = service_.snapshot();
     Json sessions = Json::array();
-    for (const std::string& name : session_names(service_.rig().session_root)) {
+    std::size_t examined = 0;
+    for (const std::string& name : session_names(root)) {
       if (sessions.size() == most_listed) break;
       std::error_code error;
-      const bool result =
-          fs::exists(service_.rig().session_root / name / "result" / "result.json", error);
-      sessions.push_back({{"id", name}, {"result", result}});
+      const bool result = fs::exists(root / name / "result" / "result.json", error);
+      Json one{{"id", name}, {"result", result}};
+      if (!result && examined++ < most_examined)
+        one.update(
+            progress_of(root / name, moment.busy && moment.session && moment.session->id == name));
+      sessions.push_back(std::move(one));
     }
-    return json_reply(
-        200, {{"root", service_.rig().session_root.string()}, {"sessions", std::move(sessions)}});
+    return json_reply(200, {{"root", root.string()}, {"sessions", std::move(sessions)}});
   }};
 }
 

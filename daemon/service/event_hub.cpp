@@ -59,6 +59,9 @@ void EventHub::begin_session(const std::string& id) {
   session_ = id;
   ++epoch_;
   history_.clear();
+  // Values told of the session before; "state" is the service's own and stays true.
+  values_.erase("progress");
+  values_.erase("preview");
 }
 
 void EventHub::publish(std::uint64_t sequence, const std::string& event, std::string json) {

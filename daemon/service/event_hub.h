@@ -48,7 +48,8 @@ class EventHub {
     bool asleep_ = false, heartbeat_due_ = true;
   };
 
-  /// A new session's journal begins: the history of the one before is dropped.
+  /// A new session's journal begins: the history, progress and preview of the one before are
+  /// dropped.
   void begin_session(const std::string& id);
 
   /// One journal event: `sequence` ascending, `json` one line.

@@ -51,6 +51,20 @@ TEST(EventHub, ReplaysExactlyWhatAReturningReaderMissed) {
   EXPECT_EQ(Listener(hub, "", 0).drain(), event(1) + event(2) + event(3) + event(4) + event(5));
 }
 
+// Found as progress of the previous session, printed by `start --wait` as that of the new one.
+TEST(EventHub, TellsNoProgressOfTheSessionBefore) {
+  EventHub hub;
+  hub.begin_session("a");
+  hub.update("progress", "{\"session\":\"a\"}");
+  hub.update("preview", "{}");
+  hub.update("state", "{}");
+  hub.begin_session("b");
+  EXPECT_EQ(Listener(hub, "", 0).drain(), "event: state\ndata: {}\n\n");
+  hub.update("progress", "{\"session\":\"b\"}");
+  EXPECT_EQ(Listener(hub, "", 0).drain(),
+            "event: progress\ndata: {\"session\":\"b\"}\n\nevent: state\ndata: {}\n\n");
+}
+
 TEST(EventHub, StartsAnewForAReaderOfAnotherSession) {
   EventHub hub;
   hub.begin_session("b");

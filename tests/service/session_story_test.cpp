@@ -106,6 +106,9 @@ TEST_F(ServiceStory, TakesASessionFromArmToAResultWithItsTrueError) {
   EXPECT_TRUE(std::filesystem::exists(folder / "manifest-sha256.txt")) << "sealed";
   const auto report = verify_session(folder, 2);
   ASSERT_TRUE(report);
+  // Nothing was opened but the laboratory in memory, whatever the rig file names.
+  EXPECT_EQ(get("/v1/sessions/" + id + "/plan").json()["left_out"]["drivers_not_opened"],
+            (Json{"modbus", "usb", "aravis"}));
   EXPECT_TRUE(report->sound) << report->summary
                              << (report->findings.empty() ? "" : report->findings.front());
 
@@ -191,8 +194,19 @@ TEST_F(ServiceStory, ResumesAnAbortedSessionAfterARestart) {
   wait_for([](const Json& now) {
     return now["session"].is_object() && now["session"]["shots_done"].get<int>() >= 1;
   });
-  begin(std::numeric_limits<double>::infinity());  // the service stops in the middle, and starts
+  host_.reset();  // the service stops in the middle; without its last word, as after a crash
+  const auto journal = folder_.path() / "sessions" / id / "journal.jsonl";
+  std::string text = *read_file(journal);
+  while (text.rfind("\"event\":\"shot\"") < text.rfind('\n', text.size() - 2))
+    text.erase(text.rfind('\n', text.size() - 2) + 1);
+  ASSERT_TRUE(write_durably(journal, text));
+  begin(std::numeric_limits<double>::infinity());
   EXPECT_EQ(status()["state"], "unarmed") << "nothing moves by itself after a restart";
+  const Json listed = get("/v1/sessions").json()["sessions"][0];
+  EXPECT_EQ(listed["id"], id);
+  EXPECT_EQ(listed["state"], "interrupted") << listed.dump();
+  EXPECT_GE(listed["shots_done"].get<int>(), 1);
+  EXPECT_GT(listed["shots_planned"].get<int>(), listed["shots_done"].get<int>());
   arm();
   EXPECT_EQ(post("/v1/sessions/" + id + "/resume").status, 202);
   const Json end = wait_for_state("done");
