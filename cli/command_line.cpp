@@ -17,6 +17,9 @@
 namespace lightrig::cli {
 namespace {
 
+// More than any machine of a rig has, and few enough for the system to grant them.
+constexpr int most_threads = 1024;
+
 std::string user_name() {
   for (const char* name : {"LIGHTRIG_OPERATOR", "USER", "LOGNAME"})
     if (const char* value = std::getenv(name); value != nullptr && *value != '\0') return value;
@@ -58,6 +61,11 @@ CLI::App* with_service(CLI::App* verb, ServiceOptions& options) {
   options.socket = "/run/lightrig/control.sock";
   verb->add_option("--as", options.as, "Your name, for the lock and the record");
   return with_json(verb, options.json);
+}
+
+void add_threads(CLI::App* verb, int& threads) {
+  verb->add_option("--threads", threads, "Threads; all where none is given")
+      ->check(CLI::Range(1, most_threads));
 }
 
 void add_planning(Verbs& verbs) {
@@ -220,14 +228,14 @@ void add_session_verbs(Verbs& verbs) {
       reduce_options->json);
   verb->add_option("session", reduce_options->session, "Session folder")->required();
   verb->add_option("-o,--output", reduce_options->output, "Write here instead of the folder");
-  verb->add_option("--threads", reduce_options->threads, "Threads; all where none is given");
+  add_threads(verb, reduce_options->threads);
 
   auto verify_options = std::make_shared<ReduceOptions>();
   verb = with_json(verbs.add("verify", "Prove a session folder: checksums, journal, reduction",
                              verify_options, &verify),
                    verify_options->json);
   verb->add_option("session", verify_options->session, "Session folder")->required();
-  verb->add_option("--threads", verify_options->threads, "Threads; all where none is given");
+  add_threads(verb, verify_options->threads);
 
   auto folder = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
@@ -324,7 +332,7 @@ void add_study_verb(Verbs& verbs) {
   verb->add_option("--floor", options->floor, "Floor of the logarithm [1/sr]")
       ->capture_default_str();
   verb->add_option("--seed", options->seed, "Of splits and random lights")->capture_default_str();
-  verb->add_option("--threads", options->threads, "Threads; all where none is given");
+  add_threads(verb, options->threads);
   verb->add_option("--shard", options->shard, "Do the i-th of n parts: i/n");
   verb->add_flag("--table1", options->table1, "The paper's Table 1 beside ours");
   verb->add_option("-o,--output", options->output, "Folder to write");
@@ -345,7 +353,11 @@ int usage_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
                  word.c_str(), hint.empty() ? "" : "; ", hint.c_str());
     return 2;
   }
-  return app.exit(error) == 0 ? 0 : 2;
+  if (error.get_exit_code() == 0) return app.exit(error);  // help or version, as asked
+  // What comes of typing is said as everything else is: who speaks, what is wrong, where to look.
+  std::fprintf(stderr, "lightrig: %s; lightrig %s--help shows what it takes\n", error.what(),
+               known ? (word + " ").c_str() : "");
+  return 2;
 }
 
 }  // namespace

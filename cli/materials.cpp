@@ -89,7 +89,8 @@ int materials_info(const std::string& name, bool json) {
     return tell(found->name, found->family, found->source,
                 tabulate(found->reflectance, BivariateGrid{}, averaged_phi), json);
   const auto file = read_file(name);
-  if (!file) return unknown_material(name);
+  if (!file && file.error().code == ErrorCode::not_found) return unknown_material(name);
+  if (!file) return complain(file.error());
   MerlFindings findings;
   const auto merl = decode_merl(std::as_bytes(std::span(*file)), findings);
   if (!merl) return complain(with_context(name, merl.error()));

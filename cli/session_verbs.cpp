@@ -5,11 +5,14 @@
 #include <thread>
 
 #include "cli/json_fields.h"
+#include "cli/left_out.h"
 #include "cli/say.h"
 #include "cli/service_client.h"
 #include "cli/verbs.h"
 #include "daemon/session/compare.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/json_cursor.h"
+#include "daemon/session/json_parse.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/session.h"
 
@@ -23,8 +26,7 @@ int threads_of(int asked) {
 std::string curve_table(const Json& curve) {
   std::vector<std::vector<std::string>> rows;
   for (const Json& point : curve)
-    rows.push_back({fmt::format("{}", point.value("lights", 0)),
-                    duration(number(point, "elapsed_s")),
+    rows.push_back({fmt::format("{}", whole(point, "lights")), duration(number(point, "elapsed_s")),
                     percent(number(point, "predicted_error_percent")),
                     percent(number(point, "held_out_error_percent")),
                     percent(number(point, "true_error_percent"))});
@@ -42,28 +44,24 @@ std::string baseline_words(const Json& baselines) {
         "as many random lights          {} by MAP, {} by the published estimator (medians of {} "
         "sets, through the simulated camera)\n",
         percent(number(random, "map_percent")), percent(number(random, "pseudo_inverse_percent")),
-        random.value("sets", 0));
+        whole(random, "sets"));
   return words;
 }
 
 std::string left_out_words(const Json& left_out) {
-  std::vector<std::vector<std::string>> rows;
-  std::string drivers;
+  std::vector<LeftOutLine> lines;
+  std::vector<std::string> drivers;
   for (const auto& [name, line] : left_out.items()) {
     if (name == "drivers_not_opened") {
-      for (const Json& driver : line)
-        drivers += fmt::format("{}{}", drivers.empty() ? "drivers not opened: " : ", ",
-                               driver.get<std::string>());
+      drivers = line.get<std::vector<std::string>>();
       continue;
     }
-    rows.push_back({name, fmt::format("{}", line.value("left_out", std::int64_t{0})),
-                    line.contains("done") && line["done"].is_number() ? line["done"].dump() : "",
-                    text(line, "why")});
+    const std::string what = text(line, "what");
+    lines.push_back(
+        {name, what.empty() ? name : what, whole(line, "left_out"), {}, text(line, "why")});
+    if (part(line, "of").is_number_integer()) lines.back().of = whole(line, "of");
   }
-  for (auto& row : rows)  // the reason reads better beside its line than in a column of its own
-    if (!row[3].empty()) row[0] = fmt::format("{} ({})", row[0], row[3]);
-  return table({"not needed by this scene", "left out", "done"}, rows) +
-         (drivers.empty() ? "" : drivers + "\n");
+  return left_out_table(lines, drivers);
 }
 
 std::string seconds_table(const Json& seconds) {
@@ -76,10 +74,10 @@ std::string seconds_table(const Json& seconds) {
 std::string plan_costs(const std::filesystem::path& session) {
   const auto plan_text = read_file(session / "plan.json");
   if (!plan_text) return {};
-  const Json plan = Json::parse(*plan_text, nullptr, false);
-  if (!plan.is_object()) return {};
+  const auto plan = parse_json(*plan_text);
+  if (!plan) return {};
   std::vector<std::vector<std::string>> rows;
-  for (const auto& [stage, value] : part(part(plan, "cost"), "stages_s").items())
+  for (const auto& [stage, value] : part(part(*plan, "cost"), "stages_s").items())
     if (value.is_number()) rows.push_back({stage, fmt::format("{:.3f}", value.get<double>())});
   return rows.empty() ? "" : table({"planning", "seconds"}, rows) + "\n";
 }
@@ -111,6 +109,26 @@ std::string result_words(const std::filesystem::path& session, const Json& json)
   return words;
 }
 
+// What result_words stands on; "" when all of it is there.
+std::string problem_of_result(const Json& json) {
+  std::string problem;
+  const JsonCursor root(json, problem);
+  if (root["schema"].text() != "lightrig.result/1")
+    root["schema"].reject("is not lightrig.result/1");
+  root["session"].text();
+  root["state"].text();
+  root["predicted_error_percent"].number_or_infinity();
+  for (const JsonCursor& point : root["curve"].items()) {
+    point["lights"].small_integer();
+    point["elapsed_s"].number();
+    point["predicted_error_percent"].number_or_infinity();
+  }
+  root["warnings"].texts();
+  root["left_out"]["drivers_not_opened"].texts();
+  root["cost"]["seconds"];
+  return problem;
+}
+
 }  // namespace
 
 int result(const std::string& session, bool json) {
@@ -119,13 +137,12 @@ int result(const std::string& session, bool json) {
   if (!file)
     return complain(fmt::format("{} has no result ({}); lightrig reduce {} computes it", session,
                                 file.error().message, session));
-  if (json) {
-    say(*file);
-    return 0;
-  }
-  const Json parsed = Json::parse(*file, nullptr, false);
-  if (!parsed.is_object()) return complain(path.string() + " is damaged: it is not JSON");
-  say(result_words(session, parsed));
+  const auto parsed = parse_json(*file);
+  const std::string problem = parsed ? problem_of_result(*parsed) : parsed.error().message;
+  if (!problem.empty())
+    return complain(fmt::format("{} is damaged: {}; lightrig reduce {} computes it anew",
+                                path.string(), problem, session));
+  say(json ? *file : result_words(session, *parsed));
   return 0;
 }
 

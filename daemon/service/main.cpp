@@ -191,7 +191,9 @@ int main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
+    if (error.get_exit_code() == 0) return app.exit(error);  // help or version, as asked
+    std::fprintf(stderr, "lightrigd: %s; lightrigd --help shows what it takes\n", error.what());
+    return 2;
   }
   return options.make_safe ? make_safe(options) : serve(options);
 }

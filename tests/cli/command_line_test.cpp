@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
+#include <vector>
 
 namespace {
 
@@ -87,7 +88,10 @@ TEST_F(CommandLine, AnswersAMisspeltVerbWithTheOneMeantAndCodeTwo) {
   EXPECT_THAT(wrong.err, HasSubstr("\"check\""));
   EXPECT_EQ(run(lightrig).code, 2);
   EXPECT_EQ(run(lightrig + " check").code, 2) << "no rig file given";
-  EXPECT_EQ(run(lightrig + " plan x --criterion best").code, 2);
+  const Outcome choice = run(lightrig + " plan x --criterion best");
+  EXPECT_EQ(choice.code, 2);
+  EXPECT_TRUE(choice.err.starts_with("lightrig: --criterion")) << choice.err;
+  EXPECT_THAT(choice.err, HasSubstr("lightrig plan --help"));
 }
 
 TEST_F(CommandLine, FindsTheShippedRigValid) {
@@ -96,6 +100,26 @@ TEST_F(CommandLine, FindsTheShippedRigValid) {
   EXPECT_THAT(checked.out, HasSubstr("valid"));
   const Json json = Json::parse(run(lightrig + " check --json " + demo).out);
   EXPECT_TRUE(json["valid"].get<bool>());
+}
+
+TEST_F(CommandLine, FindsTheRigOfTheReadmesFirstStepsValid) {
+  const std::string readme = text_of(fs::path(LIGHTRIG_SOURCE_DIR) / "README.md");
+  const auto at = readme.find("mkdir -p my_rig && cp ");
+  ASSERT_NE(at, std::string::npos);
+  std::string command = readme.substr(at, readme.find('\n', at) - at);
+  const std::string folder = (folder_ / "my_rig").string();
+  for (auto name = command.find("my_rig"); name != std::string::npos;
+       name = command.find("my_rig", name + folder.size()))
+    command.replace(name, 6, folder);
+  EXPECT_EQ(run("cd " LIGHTRIG_SOURCE_DIR " && " + command).code, 0) << command;
+  const fs::path rig = folder_ / "my_rig" / "demo.toml";
+  std::string text = text_of(rig);
+  const auto line = text.find("leave_out_families = [\"plastic\"]");
+  ASSERT_NE(line, std::string::npos) << "the line that the README says to delete";
+  text.erase(line, text.find('\n', line) - line);
+  std::ofstream(rig) << text;
+  const Outcome checked = run(lightrig + " check " + rig.string());
+  EXPECT_EQ(checked.code, 0) << checked.err;
 }
 
 TEST_F(CommandLine, ShowsAMisspeltKeyWithItsPlaceAndTheOneMeant) {
@@ -144,6 +168,66 @@ TEST_F(CommandLine, KnowsItsMaterials) {
   EXPECT_EQ(one["name"], name);
   EXPECT_GT(one["values"].get<int>(), 1000);
   EXPECT_EQ(run(lightrig + " materials info unobtainium").code, 1);
+}
+
+TEST_F(CommandLine, TellsOfEveryOptionalPartAndOfTheLaboratory) {
+  const Json all = Json::parse(run(lightrig + " backends --json").out);
+  std::vector<std::string> names;
+  for (const Json& one : all) {
+    names.push_back(one["name"]);
+    if (!one["built"].get<bool>())
+      EXPECT_THAT(one["remedy"].get<std::string>(), HasSubstr("-DLIGHTRIG_WITH_")) << one.dump();
+  }
+  EXPECT_THAT(names, ::testing::ElementsAre("modbus", "usb", "aravis", "panel", "sim"));
+  const std::string words = run(lightrig + " backends").out;
+  for (const std::string& name : names) EXPECT_THAT(words, HasSubstr(name + " "));
+}
+
+// Found as aborts: more threads than the system grants, files without end, a result of another
+// shape.
+TEST_F(CommandLine, EndsInWordsWhateverItIsGiven) {
+  const std::string nowhere = folder_.string();
+  for (const char* threads : {"100000", "-5", "0", "x"})
+    for (const char* verb : {"verify", "reduce"}) {
+      const Outcome refused = run(lightrig + " " + verb + " " + nowhere + " --threads " + threads);
+      EXPECT_EQ(refused.code, 2) << verb << threads;
+      EXPECT_TRUE(refused.err.starts_with("lightrig: --threads")) << refused.err;
+    }
+  fs::create_symlink("/dev/zero", folder_ / "x.binary");
+  const std::string endless = (folder_ / "x.binary").string();
+  for (const std::string& words : {" compare /dev/zero " + endless, " materials info " + endless,
+                                   std::string(" start --plan /dev/zero --socket /nowhere/s")}) {
+    const Outcome refused = run(lightrig + words);
+    EXPECT_EQ(refused.code, 1) << words;
+    EXPECT_THAT(refused.err, HasSubstr("not a regular file")) << words;
+  }
+}
+
+TEST_F(CommandLine, ShowsNoResultThatIsNone) {
+  fs::create_directories(folder_ / "s" / "result");
+  const std::string verb = lightrig + " result " + (folder_ / "s").string();
+  for (const char* text :
+       {"{}", "[]", "{\"schema\":\"lightrig.result/1\"}", "{\"schema\":\"lightrig.result/9\"}",
+        "{\"schema\":\"lightrig.result/1\",\"session\":\"s\",\"state\":\"done\","
+        "\"predicted_error_percent\":1,\"curve\":[7]}",
+        "not JSON"}) {
+    std::ofstream(folder_ / "s" / "result" / "result.json") << text;
+    for (const char* how : {"", " --json"}) {
+      const Outcome refused = run(verb + how);
+      EXPECT_EQ(refused.code, 1) << text << how;
+      EXPECT_EQ(refused.out, "") << text << how;
+      EXPECT_THAT(refused.err, HasSubstr("result.json is damaged: ")) << text << how;
+      EXPECT_THAT(refused.err, HasSubstr("lightrig reduce")) << text << how;
+    }
+  }
+}
+
+TEST_F(CommandLine, NamesThePlanThatIsNone) {
+  std::ofstream(folder_ / "p1.json") << "{\n  \"schema\": }";
+  const Outcome refused =
+      run(lightrig + " start --socket /nowhere/s --plan " + (folder_ / "p1.json").string());
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.err, HasSubstr("p1.json: it is not JSON at line 2, column 13"));
 }
 
 TEST_F(CommandLine, SaysThatNoServiceAnswersAndWhatToLookAt) {
