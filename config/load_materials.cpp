@@ -124,7 +124,8 @@ Result<LoadedMaterials> load_folder(const MaterialsConfig& config) {
     for (const std::string& remark : loaded.remarks) why += "; " + remark;
     return fail(ErrorCode::invalid_input,
                 fmt::format("'{}' holds {} .binary file{}, {} usable; statistics need at least 2 "
-                            "materials{}",
+                            "materials: put MERL .binary files there, or name another folder or "
+                            "\"builtin\" as the source{}",
                             folder.string(), files->size(), files->size() == 1 ? "" : "s",
                             loaded.materials.size(), why));
   }

@@ -16,6 +16,7 @@ namespace {
 
 struct Property {
   bool list = false;
+  bool names_vertices = false;
   int count_bytes = 0;  ///< list: size of its length
   int item_bytes = 0;
 };
@@ -54,8 +55,8 @@ std::optional<Head> read_head(std::string_view text) {
   std::istringstream lines{std::string(text.substr(0, end))};
   for (std::string line; std::getline(lines, line);) {
     std::istringstream words(line);
-    std::string what, a, b, c;
-    words >> what >> a >> b >> c;
+    std::string what, a, b, c, d;
+    words >> what >> a >> b >> c >> d;
     if (what == "format")
       head.encoding = a == "binary_little_endian" ? Encoding::little
                       : a == "binary_big_endian"  ? Encoding::big
@@ -67,7 +68,8 @@ std::optional<Head> read_head(std::string_view text) {
     }
     if (what == "property" && !head.elements.empty())
       head.elements.back().properties.push_back(
-          a == "list" ? Property{true, bytes_of(b), bytes_of(c)} : Property{false, 0, bytes_of(a)});
+          a == "list" ? Property{true, d.starts_with("vertex_ind"), bytes_of(b), bytes_of(c)}
+                      : Property{false, false, 0, bytes_of(a)});
   }
   return head;
 }
@@ -90,22 +92,30 @@ class Body {
   }
 
   std::optional<std::int64_t> read_count(int bytes) {
-    std::uint64_t value = 0;
-    if (encoding_ == Encoding::ascii) {
-      const std::string_view text = word();
-      const auto [at, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-      if (text.empty() || error != std::errc{}) return std::nullopt;
-    } else {
-      const auto size = static_cast<std::size_t>(bytes);
-      if (size > left_.size()) return std::nullopt;
-      for (std::size_t i = 0; i < size; ++i) {
-        const std::size_t at = encoding_ == Encoding::big ? i : size - 1 - i;
-        value = value << 8U | static_cast<unsigned char>(left_[at]);
-      }
-      left_.remove_prefix(size);
-    }
+    const auto value = read_whole(bytes);
     // More items than bytes can only be a mistake; it must not overflow what skip() multiplies.
-    if (value > left_.size()) return std::nullopt;
+    if (!value || *value < 0 || static_cast<std::uint64_t>(*value) > left_.size())
+      return std::nullopt;
+    return value;
+  }
+
+  // A whole number of up to 4 bytes, as unsigned ones are: a negative index is far beyond the last.
+  std::optional<std::int64_t> read_whole(int bytes) {
+    if (encoding_ == Encoding::ascii) {
+      std::int64_t number = 0;
+      const std::string_view text = word();
+      const auto [at, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+      if (text.empty() || error != std::errc{}) return std::nullopt;
+      return number;
+    }
+    const auto size = static_cast<std::size_t>(bytes);
+    if (size > left_.size()) return std::nullopt;
+    std::uint64_t value = 0;
+    for (std::size_t i = 0; i < size; ++i) {
+      const std::size_t at = encoding_ == Encoding::big ? i : size - 1 - i;
+      value = value << 8U | static_cast<unsigned char>(left_[at]);
+    }
+    left_.remove_prefix(size);
     return static_cast<std::int64_t>(value);
   }
 
@@ -124,17 +134,30 @@ class Body {
   Encoding encoding_;
 };
 
-bool walk(const Element& element, Body& body) {
+struct Walked {
+  bool whole = false;
+  std::optional<std::int64_t> stray;  ///< the index of a vertex that there is not
+};
+
+Walked walk(const Element& element, std::int64_t vertices, Body& body) {
   for (const Property& property : element.properties) {
     std::int64_t values = 1;
     if (property.list) {
       const auto count = body.read_count(property.count_bytes);
-      if (!count) return false;
+      if (!count) return {};
       values = *count;
     }
-    if (!body.skip(values, property.item_bytes)) return false;
+    if (!property.names_vertices) {
+      if (!body.skip(values, property.item_bytes)) return {};
+      continue;
+    }
+    for (; values > 0; --values) {
+      const auto index = body.read_whole(property.item_bytes);
+      if (!index) return {};
+      if (*index < 0 || *index >= vertices) return {true, index};
+    }
   }
-  return true;
+  return {true, {}};
 }
 
 }  // namespace
@@ -150,12 +173,17 @@ std::optional<std::string> ply_shortfall(std::span<const std::byte> bytes) {
   Body body(text.substr(head->body), head->encoding);
   for (const Element& element : head->elements) {
     if (element.properties.empty()) continue;
-    for (std::int64_t i = 0; i < element.count; ++i)
-      if (!walk(element, body))
+    for (std::int64_t i = 0; i < element.count; ++i) {
+      const Walked walked = walk(element, vertices, body);
+      if (!walked.whole)
         return fmt::format(
             "its header promises {} vertices and {} faces, but its {} bytes end "
             "before {} {}: truncated?",
             vertices, faces, bytes.size(), element.name, i + 1);
+      if (walked.stray)
+        return fmt::format("its {} {} names vertex {}, counted from 0, but there are only {}",
+                           element.name, i + 1, *walked.stray, vertices);
+    }
   }
   return std::nullopt;
 }

@@ -14,6 +14,17 @@ inline int code_points_in(std::string_view text) {
   return n;
 }
 
+/// `count` code points of a text from the `first`-th, counted from 0; less where it ends.
+inline std::string_view code_points(std::string_view text, int first, int count) {
+  const auto offset = [text](std::size_t from, int n) {
+    for (; from < text.size(); ++from)
+      if (!is_continuation(text[from]) && n-- == 0) break;
+    return from;
+  };
+  const std::size_t begin = offset(0, first);
+  return text.substr(begin, offset(begin, count) - begin);
+}
+
 /// The n-th line of a text, from 1, without its end (LF or CRLF); "" past the end.
 inline std::string line_of(std::string_view text, int n) {
   for (; n > 1; --n) {

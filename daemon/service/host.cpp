@@ -88,7 +88,8 @@ Result<std::unique_ptr<Host>> Host::start(HostSettings settings, Log& log) {
   std::unique_ptr<Host> host(new Host(log));
   const std::filesystem::path root = settings.service.rig.session_root;
   if (auto ready = prepare_root(root); !ready) return tl::unexpected(ready.error());
-  auto lock = LockFile::take(root / ".lightrigd.lock", "the session root " + root.string());
+  auto lock = LockFile::take(root / ".lightrigd.lock", "the session root " + root.string(),
+                             "--session-root");
   if (!lock) return tl::unexpected(lock.error());
   host->root_lock_.emplace(std::move(*lock));
   if (!settings.service.simulate) {

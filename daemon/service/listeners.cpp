@@ -67,24 +67,16 @@ Result<void> clear_the_way(const std::filesystem::path& path, const sockaddr_un&
 
 }  // namespace
 
-FileDescriptor& FileDescriptor::operator=(FileDescriptor&& other) noexcept {
-  std::swap(fd_, other.fd_);
-  return *this;
-}
-
-FileDescriptor::~FileDescriptor() {
-  if (fd_ >= 0) close(fd_);
-}
-
-int FileDescriptor::release() { return std::exchange(fd_, -1); }
-
-Result<LockFile> LockFile::take(const std::filesystem::path& path, const std::string& what) {
+Result<LockFile> LockFile::take(const std::filesystem::path& path, const std::string& what,
+                                const std::string& option) {
   LockFile lock;
   lock.fd_ = FileDescriptor(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0640));
   if (lock.fd_.get() < 0)
-    return fail(ErrorCode::refused, fmt::format("cannot make the lock file {}: {}; give this user "
-                                                "the right to write there",
-                                                path.string(), reason()));
+    return fail(ErrorCode::refused,
+                fmt::format("cannot make the lock file {}: {}; give this user the right to write "
+                            "there{}{}",
+                            path.string(), reason(),
+                            option.empty() ? "" : ", or choose another place with ", option));
   if (flock(lock.fd_.get(), LOCK_EX | LOCK_NB) != 0) {
     std::array<char, 32> holder{};
     const ssize_t n = pread(lock.fd_.get(), holder.data(), holder.size() - 1, 0);
@@ -107,7 +99,8 @@ Result<UnixListener> UnixListener::open(const std::filesystem::path& path) {
                 fmt::format("the socket path is {} bytes long, a Unix socket's may have {}: {}",
                             path.string().size(), sizeof(address.sun_path) - 1, path.string()));
   // The lock closes the gap between asking who answers and taking the place.
-  auto lock = LockFile::take(path.string() + ".lock", "the control socket " + path.string());
+  auto lock = LockFile::take(path.string() + ".lock", "the control socket " + path.string(),
+                             "--socket or $LIGHTRIG_SOCKET");
   if (!lock) return tl::unexpected(lock.error());
   if (auto clear = clear_the_way(path, address); !clear) return tl::unexpected(clear.error());
 

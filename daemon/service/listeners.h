@@ -4,35 +4,18 @@
 #include <string>
 #include <vector>
 
+#include "config/file_descriptor.h"
 #include "core/result.h"
 
 namespace lightrig {
 
-/// An owned file descriptor; closed on destruction.
-class FileDescriptor {
- public:
-  FileDescriptor() = default;
-  explicit FileDescriptor(int fd) : fd_(fd) {}
-  FileDescriptor(FileDescriptor&& other) noexcept : fd_(other.release()) {}
-  FileDescriptor& operator=(FileDescriptor&& other) noexcept;
-  FileDescriptor(const FileDescriptor&) = delete;
-  FileDescriptor& operator=(const FileDescriptor&) = delete;
-  ~FileDescriptor();
-
-  int get() const { return fd_; }
-  /// Gives the descriptor away: the caller closes it.
-  int release();
-
- private:
-  int fd_ = -1;
-};
-
 /// A file locked for as long as this lives (flock: gone with the process, however it ends).
 class LockFile {
  public:
-  /// Errors: refused when another process holds it (its id, where it wrote one), or when the file
-  /// cannot be made.
-  static Result<LockFile> take(const std::filesystem::path& path, const std::string& what);
+  /// `option` chooses another place, for the message. Errors: refused when another process holds it
+  /// (its id, where it wrote one), or when the file cannot be made.
+  static Result<LockFile> take(const std::filesystem::path& path, const std::string& what,
+                               const std::string& option = "");
 
  private:
   FileDescriptor fd_;

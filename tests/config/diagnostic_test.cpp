@@ -41,6 +41,23 @@ TEST(Diagnostic, NeverUnderlinesBeyondItsLine) {
   EXPECT_EQ(to_text(d, "abcd"), "f:1:3: error: over the end\n    1 | abcd\n      |   ^~\n");
 }
 
+TEST(Diagnostic, OfALongLineShowsWhatStandsAroundTheCaret) {
+  Diagnostic d;
+  d.file = "f";
+  d.line = 1;
+  d.column = 501;
+  d.length = 4999;
+  d.message = "id is \"" + std::string(5000, 'm') + "\"; it must be short";
+  const std::string line = std::string(500, 'a') + std::string(5000, 'b');
+  const std::string text = to_text(d, line);
+  EXPECT_LT(text.size(), 1000U);
+  EXPECT_NE(text.find("it must be short"), std::string::npos) << text;
+  // 40 code points before the column, an ellipsis of one column before them, the caret under the b.
+  const std::string shown = "    1 | …" + std::string(40, 'a') + std::string(120, 'b') + "…\n";
+  EXPECT_NE(text.find(shown), std::string::npos) << text;
+  EXPECT_NE(text.find("      | " + std::string(41, ' ') + "^~"), std::string::npos) << text;
+}
+
 // Worked by hand: one swap, one insertion, two replacements; case and "-" for "_" cost nothing.
 TEST(EditDistance, CountsSwapsInsertionsAndReplacements) {
   EXPECT_EQ(edit_distance("raduis", "radius"), 1);

@@ -95,6 +95,7 @@ TEST(LoadMaterials, RefusesAnEmptyFolderAMissingOneAndAFile) {
   ASSERT_FALSE(loaded);
   EXPECT_EQ(loaded.error().code, ErrorCode::invalid_input);
   EXPECT_THAT(loaded.error().message, HasSubstr("holds 0 .binary files, 0 usable"));
+  EXPECT_THAT(loaded.error().message, HasSubstr("put MERL .binary files there"));
 
   MaterialsConfig config;
   config.source = (folder.path / "nowhere").string();

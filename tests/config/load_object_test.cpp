@@ -113,6 +113,29 @@ TEST(LoadObject, RefusesAFileOfNothingButNaN) {
   EXPECT_THAT(object.error().message, HasSubstr("no usable triangle"));
 }
 
+TEST(LoadObject, NamesAFaceWhoseVertexIsNotThere) {
+  const ScratchFolder folder;
+  const std::string ply =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+      "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
+      "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+  for (const auto& [face, vertex] :
+       {std::pair{"3 0 1 99\n", "vertex 99"}, {"3 0 -1 2\n", "vertex -1"}}) {
+    const auto object = load_object(mesh_config(folder.write("stray.ply", ply + face)));
+    ASSERT_FALSE(object);
+    EXPECT_THAT(object.error().message, HasSubstr("face 2 names " + std::string(vertex)));
+    EXPECT_THAT(object.error().message, HasSubstr("there are only 3"));
+  }
+}
+
+TEST(LoadObject, SaysNothingOfTheNameThatTheLibraryMadeUp) {
+  const ScratchFolder folder;
+  const auto object = load_object(mesh_config(folder.write("text.stl", "once upon a time")));
+  ASSERT_FALSE(object);
+  EXPECT_THAT(object.error().message, HasSubstr("text.stl"));
+  EXPECT_THAT(object.error().message, testing::Not(HasSubstr("magic")));
+}
+
 TEST(LoadObject, RefusesTruncatedAndAbsurdFilesWithTheReason) {
   const ScratchFolder folder;
   const std::string ply = tetrahedron_ply;

@@ -91,6 +91,13 @@ TEST(LockFile, NamesTheProcessThatHoldsIt) {
   EXPECT_THAT(second.error().message, HasSubstr("process " + std::to_string(getpid())));
 }
 
+TEST(LockFile, SaysHowToChooseAnotherPlaceWhereItCannotBeMade) {
+  ScratchFolder folder;
+  const auto nowhere = UnixListener::open(folder.path() / "absent" / "control.sock");
+  ASSERT_FALSE(nowhere);
+  EXPECT_THAT(nowhere.error().message, HasSubstr("--socket or $LIGHTRIG_SOCKET"));
+}
+
 TEST(TcpAddress, UnderstandsNumericHostsAndTellsLoopbackFromTheRest) {
   EXPECT_TRUE(parse_tcp_address("127.0.0.1:8080")->loopback);
   EXPECT_TRUE(parse_tcp_address("127.9.9.9:1")->loopback);
