@@ -115,12 +115,8 @@ TableSpec aravis_table() {
   return t;
 }
 
-}  // namespace
-
-TableSpec camera_table() {
-  TableSpec t{.name = "camera",
-              .doc = "Geometry of the camera, its sensor, and how it is reached."};
-  t.keys = {
+std::vector<KeySpec> projection_keys() {
+  return {
       {.name = "width_px",
        .kind = ValueKind::integer,
        .unit = units::px,
@@ -168,6 +164,11 @@ TableSpec camera_table() {
        .sizes = {5},
        .when = Condition{"projection", {"perspective"}},
        .doc = "k1, k2, p1, p2, k3 of OpenCV's lens model."},
+  };
+}
+
+std::vector<KeySpec> pose_keys() {
+  return {
       {.name = "eye_m",
        .kind = ValueKind::vector3,
        .unit = units::m,
@@ -186,6 +187,11 @@ TableSpec camera_table() {
        .need = Need::defaulted,
        .fallback = "[0, 0, 1]",
        .doc = "The direction that is upwards in the image."},
+  };
+}
+
+std::vector<KeySpec> access_keys() {
+  return {
       {.name = "readout_ms",
        .unit = units::ms,
        .range = {0, 60000},
@@ -197,6 +203,15 @@ TableSpec camera_table() {
        .choices = {"aravis", "simulated"},
        .doc = "How the camera is reached; \"simulated\" exists only under --simulate."},
   };
+}
+
+}  // namespace
+
+TableSpec camera_table() {
+  TableSpec t{.name = "camera",
+              .doc = "Geometry of the camera, its sensor, and how it is reached."};
+  for (const auto& part : {projection_keys(), pose_keys(), access_keys()})
+    t.keys.insert(t.keys.end(), part.begin(), part.end());
   t.tables = {sensor_table(), aravis_table()};
   return t;
 }

@@ -209,6 +209,52 @@ TableSpec grbl_table() {
   return t;
 }
 
+TableSpec gantry_lamp_table() {
+  TableSpec t{.name = "gantry",
+              .when = Condition{"backend", {"gantry"}},
+              .doc = "A lamp on an output of the gantry's own controller."};
+  t.keys = {{.name = "output",
+             .kind = ValueKind::text,
+             .doc = "Modbus: an output of the controller profile. GRBL: \"spindle\", \"flood\" or "
+                    "\"mist\"."}};
+  return t;
+}
+
+TableSpec modbus_lamp_table() {
+  TableSpec t{.name = "modbus",
+              .when = Condition{"backend", {"modbus"}},
+              .doc = "A lamp on a Modbus unit of its own."};
+  t.keys = endpoint_keys();
+  const std::vector<KeySpec> own = {
+      {.name = "unit", .kind = ValueKind::integer, .range = {1, 247}, .doc = "Modbus unit number."},
+      {.name = "coil",
+       .kind = ValueKind::integer,
+       .range = {0, 65535},
+       .need = Need::optional,
+       .doc = "Address of the coil that switches it."},
+      {.name = "holding",
+       .kind = ValueKind::integer,
+       .range = {0, 65535},
+       .need = Need::optional,
+       .doc = "Address of the register that dims it."},
+      {.name = "full_scale",
+       .kind = ValueKind::integer,
+       .range = {1, 65535},
+       .when = Condition{"holding", {}},
+       .doc = "Register value of power 1."},
+      {.name = "timeout_ms",
+       .kind = ValueKind::integer,
+       .unit = units::ms,
+       .range = {1, 60000},
+       .need = Need::defaulted,
+       .fallback = "500",
+       .doc = "Longest wait for one answer."},
+  };
+  t.keys.insert(t.keys.end(), own.begin(), own.end());
+  t.exactly_one = {{"host", "device"}, {"coil", "holding"}};
+  return t;
+}
+
 }  // namespace
 
 TableSpec gantry_table() {
@@ -271,46 +317,6 @@ TableSpec gantry_table() {
 }
 
 TableSpec lamp_table() {
-  TableSpec wired{.name = "gantry",
-                  .when = Condition{"backend", {"gantry"}},
-                  .doc = "A lamp on an output of the gantry's own controller."};
-  wired.keys = {{.name = "output",
-                 .kind = ValueKind::text,
-                 .doc =
-                     "Modbus: an output of the controller profile. GRBL: \"spindle\", \"flood\" or "
-                     "\"mist\"."}};
-  TableSpec modbus{.name = "modbus",
-                   .when = Condition{"backend", {"modbus"}},
-                   .doc = "A lamp on a Modbus unit of its own."};
-  modbus.keys = endpoint_keys();
-  const std::vector<KeySpec> own = {
-      {.name = "unit", .kind = ValueKind::integer, .range = {1, 247}, .doc = "Modbus unit number."},
-      {.name = "coil",
-       .kind = ValueKind::integer,
-       .range = {0, 65535},
-       .need = Need::optional,
-       .doc = "Address of the coil that switches it."},
-      {.name = "holding",
-       .kind = ValueKind::integer,
-       .range = {0, 65535},
-       .need = Need::optional,
-       .doc = "Address of the register that dims it."},
-      {.name = "full_scale",
-       .kind = ValueKind::integer,
-       .range = {1, 65535},
-       .when = Condition{"holding", {}},
-       .doc = "Register value of power 1."},
-      {.name = "timeout_ms",
-       .kind = ValueKind::integer,
-       .unit = units::ms,
-       .range = {1, 60000},
-       .need = Need::defaulted,
-       .fallback = "500",
-       .doc = "Longest wait for one answer."},
-  };
-  modbus.keys.insert(modbus.keys.end(), own.begin(), own.end());
-  modbus.exactly_one = {{"host", "device"}, {"coil", "holding"}};
-
   TableSpec t{
       .name = "lamp",
       .doc = "The lamp: how strong, how far away, how long it may burn, how it is switched."};
@@ -360,7 +366,7 @@ TableSpec lamp_table() {
        .choices = {"gantry", "modbus", "simulated"},
        .doc = "How the lamp is switched; \"simulated\" exists only under --simulate."},
   };
-  t.tables = {wired, modbus};
+  t.tables = {gantry_lamp_table(), modbus_lamp_table()};
   return t;
 }
 

@@ -103,20 +103,9 @@ TableSpec materials_table() {
   return t;
 }
 
-TableSpec plan_table() {
-  TableSpec t{.name = "plan",
-              .need = Need::defaulted,
-              .doc = "How lights are chosen and the BRDF is fitted."};
-  const KeySpec limit{
-      .unit = units::deg, .range = {0, 90, true}, .need = Need::defaulted, .fallback = "80"};
-  KeySpec d = limit, i = limit, o = limit;
-  d.name = "max_theta_d_deg";
-  d.doc = "Difference angles beyond this are neither planned nor measured; 90 leaves none out.";
-  i.name = "max_theta_i_deg";
-  i.doc = "The same for the angle between normal and lamp.";
-  o.name = "max_theta_o_deg";
-  o.doc = "The same for the angle between normal and camera.";
-  t.keys = {
+// Which lights, how many, and what is made of them.
+std::vector<KeySpec> choice_keys() {
+  return {
       {.name = "criterion",
        .kind = ValueKind::choice,
        .need = Need::defaulted,
@@ -152,6 +141,21 @@ TableSpec plan_table() {
        .fallback = "\"map\"",
        .choices = {"map", "pseudo-inverse"},
        .doc = "\"map\": with the statistics as prior. \"pseudo-inverse\": the paper's."},
+  };
+}
+
+// Which points of the surface a light is judged by.
+std::vector<KeySpec> point_keys() {
+  const KeySpec limit{
+      .unit = units::deg, .range = {0, 90, true}, .need = Need::defaulted, .fallback = "80"};
+  KeySpec d = limit, i = limit, o = limit;
+  d.name = "max_theta_d_deg";
+  d.doc = "Difference angles beyond this are neither planned nor measured; 90 leaves none out.";
+  i.name = "max_theta_i_deg";
+  i.doc = "The same for the angle between normal and lamp.";
+  o.name = "max_theta_o_deg";
+  o.doc = "The same for the angle between normal and camera.";
+  return {
       {.name = "points",
        .kind = ValueKind::choice,
        .need = Need::defaulted,
@@ -174,6 +178,11 @@ TableSpec plan_table() {
       d,
       i,
       o,
+  };
+}
+
+std::vector<KeySpec> check_keys() {
+  return {
       {.name = "held_out_lights",
        .kind = ValueKind::integer,
        .range = {0, 100},
@@ -192,6 +201,14 @@ TableSpec plan_table() {
        .fallback = "1",
        .doc = "Of the held-out choice and the random baseline."},
   };
+}
+
+TableSpec plan_table() {
+  TableSpec t{.name = "plan",
+              .need = Need::defaulted,
+              .doc = "How lights are chosen and the BRDF is fitted."};
+  for (const auto& part : {choice_keys(), point_keys(), check_keys()})
+    t.keys.insert(t.keys.end(), part.begin(), part.end());
   return t;
 }
 

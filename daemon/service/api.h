@@ -53,6 +53,11 @@ class Api {
   static std::span<const Route> routes();
 
  private:
+  // api_routes.cpp: the parts of routes()
+  static std::vector<Route> rig_routes();
+  static std::vector<Route> session_routes();
+  static std::vector<Route> service_routes();
+
   HttpAnswer dispatch(const HttpRequest& request);
   std::optional<HttpReply> refuse(const HttpRequest& request, const Route& route) const;
 

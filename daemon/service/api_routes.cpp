@@ -35,9 +35,9 @@ HttpAnswer agreed(const Result<void>& done) {
 
 }  // namespace
 
-std::span<const Route> Api::routes() {
+std::vector<Route> Api::rig_routes() {
   using enum Route::Kind;
-  static const std::vector<Route> routes{
+  return {
       {"GET",
        "/v1/status",
        "State of the rig, its devices and the session in hand",
@@ -95,6 +95,12 @@ std::span<const Route> Api::routes() {
        unlocked,
        {{"force", "boolean", false, "take it from whoever holds it"}},
        &Api::unlock},
+  };
+}
+
+std::vector<Route> Api::session_routes() {
+  using enum Route::Kind;
+  return {
       {"GET",
        "/v1/sessions",
        "Sessions of the session root, newest first",
@@ -150,6 +156,12 @@ std::span<const Route> Api::routes() {
        {{"shot", "string", true, "name of the shot, as L03"}},
        &Api::retake},
       {"POST", "/v1/sessions/{id}/abort", "Same as /v1/abort", unlocked, {}, &Api::abort_session},
+  };
+}
+
+std::vector<Route> Api::service_routes() {
+  using enum Route::Kind;
+  return {
       {"GET",
        "/v1/events",
        "Server-sent events; id is the journal's sequence",
@@ -168,6 +180,15 @@ std::span<const Route> Api::routes() {
       {"GET", "/metrics", "Figures for Prometheus", read, {}, &Api::metrics},
       {"GET", "/", "The operator panel", page, {}, &Api::page},
   };
+}
+
+std::span<const Route> Api::routes() {
+  static const std::vector<Route> routes = [] {
+    std::vector<Route> all;
+    for (const auto& part : {rig_routes(), session_routes(), service_routes()})
+      all.insert(all.end(), part.begin(), part.end());
+    return all;
+  }();
   return routes;
 }
 

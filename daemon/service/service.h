@@ -212,23 +212,23 @@ class Service {
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   State state_ = State::unarmed;
+  bool running_ = false;          ///< a command is being run
+  bool session_in_hand_ = false;  ///< session_ is what the command being run is about
+  bool lamp_may_be_on_ = false;
+  bool stopping_ = false;
   SteadyClock::time_point state_since_ = started_;
   std::string state_reason_;
   std::optional<Command> slot_;       ///< waits for the session thread
   SessionControl* active_ = nullptr;  ///< of the command being run; the session thread owns it
-  bool running_ = false;              ///< a command is being run
   std::uint64_t last_id_ = 0;
   std::deque<CommandRecord> commands_;
   std::optional<RigLock> lock_;
   std::optional<RigFacts> facts_;
   std::optional<SessionView> session_;
-  bool session_in_hand_ = false;  ///< session_ is what the command being run is about
   std::string start_key_;
-  bool lamp_may_be_on_ = false;
   std::string disk_trouble_;
   std::uintmax_t disk_free_bytes_ = 0;
   std::uint64_t frames_ = 0, sessions_done_ = 0, aborts_ = 0, faults_ = 0;
-  bool stopping_ = false;
   std::thread thread_;  ///< last: it uses all of the above
 };
 
