@@ -1,10 +1,11 @@
 #pragma once
 
 #include <algorithm>
-#include <atomic>
+#include <cstdint>
 #include <stop_token>
 #include <thread>
-#include <vector>
+
+#include "core/parallel.h"
 
 namespace lightrig::sim {
 
@@ -18,13 +19,9 @@ inline int thread_count(int threads) {
 /// leaves the rest undone. Which thread takes which i is open: work(i) may depend on i alone.
 template <class Work>
 void in_parallel(int threads, int count, const std::stop_token& stop, const Work& work) {
-  std::atomic<int> next{0};
-  const auto take = [&] {
-    for (int i = next++; i < count && !stop.stop_requested(); i = next++) work(i);
-  };
-  std::vector<std::jthread> helpers;
-  for (int t = 1; t < std::min(threads, count); ++t) helpers.emplace_back(take);
-  take();
+  parallel_ranges(count, 1, threads, [&](std::int64_t i, std::int64_t, int) {
+    if (!stop.stop_requested()) work(static_cast<int>(i));
+  });
 }
 
 }  // namespace lightrig::sim
