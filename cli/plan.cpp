@@ -117,6 +117,7 @@ std::string plan_words(const Rig& rig, const Prepared& prepared) {
   words += light_table(rig, plan) + "\n";
   words += left_out_table(planned_left_out(prepared), plan.left_out.drivers_not_opened) + "\n" +
            cost_table(prepared.cost);
+  words += fmt::format("peak memory {:.0f} MiB\n", prepared.peak_memory_mib);
   return words + remark_words(prepared.remarks);
 }
 

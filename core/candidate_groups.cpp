@@ -80,9 +80,10 @@ CandidateGroups::CandidateGroups(const BrdfBasis& basis, const CandidateBins& bi
   }
   group(bins, packed);
   lay_places();
+  all_fresh_ = fresh_;
+  all_places_ = place_;
   const std::size_t n = count_.size();
-  hash_.resize(n);
-  for (std::size_t i = 0; i < n; ++i) hash_[i] = hash_of(fresh(static_cast<int>(i)));
+  hash_.assign(n, 0);
   entries_.reserve(n);
   distinct_.candidates.reserve(n);
   distinct_.offset.resize(static_cast<std::size_t>(groups_) + 1);
@@ -157,12 +158,28 @@ void CandidateGroups::lay_places() {
   }
 }
 
-std::span<const std::int32_t> CandidateGroups::take(int candidate) {
-  const std::span<const std::int32_t> added = fresh(candidate);
-  taken_.assign(added.begin(), added.end());
-  for (const std::int32_t cell : taken_) {
-    seen_packed_[static_cast<std::size_t>(cell)] = 1;
-    seen_[static_cast<std::size_t>(grid_cell_[static_cast<std::size_t>(cell)])] = 1;
+void CandidateGroups::restart() {
+  std::copy(all_fresh_.begin(), all_fresh_.end(), fresh_.begin());
+  std::copy(all_places_.begin(), all_places_.end(), place_.begin());
+  for (std::size_t i = 0; i < count_.size(); ++i) {
+    const auto count = static_cast<std::int32_t>(offset_[i + 1] - offset_[i]);
+    if (count_[i] != count) hash_[i] = 0;
+    count_[i] = count;
+  }
+  std::fill(seen_.begin(), seen_.end(), 0);
+  std::fill(seen_packed_.begin(), seen_packed_.end(), 0);
+  seen_cells_ = 0;
+}
+
+std::span<const std::int32_t> CandidateGroups::take(std::span<const int> candidates) {
+  taken_.clear();
+  for (const int candidate : candidates) {
+    for (const std::int32_t cell : fresh(candidate)) {
+      if (seen_packed_[static_cast<std::size_t>(cell)] != 0) continue;
+      seen_packed_[static_cast<std::size_t>(cell)] = 1;
+      seen_[static_cast<std::size_t>(grid_cell_[static_cast<std::size_t>(cell)])] = 1;
+      taken_.push_back(cell);
+    }
   }
   seen_cells_ += static_cast<int>(taken_.size());
   for (std::size_t i = 0; i < count_.size(); ++i) {
@@ -176,7 +193,7 @@ std::span<const std::int32_t> CandidateGroups::take(int candidate) {
     }
     if (kept == count_[i]) continue;
     count_[i] = kept;
-    hash_[i] = hash_of(fresh(static_cast<int>(i)));
+    hash_[i] = 0;
   }
   return taken_;
 }
@@ -189,7 +206,9 @@ const CandidateGroups::Distinct& CandidateGroups::distinct(const std::vector<std
     const auto u = static_cast<std::size_t>(i);
     if (open[u] == 0) continue;
     if (offset_[u] == offset_[u + 1]) ++distinct_.empty;
-    if (count_[u] > 0) entries_.push_back({hash_[u], i});
+    if (count_[u] == 0) continue;
+    if (hash_[u] == 0) hash_[u] = hash_of(fresh(i));
+    entries_.push_back({hash_[u], i});
   }
   std::sort(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) {
     return a.hash != b.hash ? a.hash < b.hash : a.candidate < b.candidate;

@@ -38,9 +38,12 @@ class CandidateGroups {
     return {group_cell_.data() + group_offset_[g], group_cell_.data() + group_offset_[g + 1]};
   }
 
-  /// Marks a candidate's cells as seen; returns the packed cells that were new, until the next
+  /// Marks the cells of candidates as seen; returns the packed cells that were new, until the next
   /// call.
-  std::span<const std::int32_t> take(int candidate);
+  std::span<const std::int32_t> take(std::span<const int> candidates);
+
+  /// Nothing is seen again, as after construction.
+  void restart();
 
   const std::vector<std::uint8_t>& seen() const { return seen_; }
   int seen_cells() const { return seen_cells_; }
@@ -80,7 +83,8 @@ class CandidateGroups {
   std::vector<std::int32_t> grid_cell_;  ///< packed → grid
   std::vector<std::int64_t> offset_;
   std::vector<std::int32_t> fresh_, place_, count_;
-  std::vector<std::uint64_t> hash_;  ///< (candidates) of fresh()
+  std::vector<std::int32_t> all_fresh_, all_places_;  ///< before anything was seen
+  std::vector<std::uint64_t> hash_;                   ///< (candidates) of fresh(), 0: not known
   std::vector<int> group_of_;
   int groups_ = 0;
   std::vector<std::int32_t> group_cell_;

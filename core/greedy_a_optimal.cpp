@@ -54,11 +54,9 @@ class AOptimalChooser final : public LightChooser {
         level_(vector_level()) {
     CHECK(options.sigma > 0);
     const PackedRows& rows = groups_.rows();
-    gram_.assign(size_of(rows.k, rows.stride), 0.0);
-    for (int i = 0; i < rows.k; ++i) gram_[static_cast<std::size_t>(i * rows.stride + i)] = 1.0;
     prior_.assign(static_cast<std::size_t>(rows.stride), 0.0);
     std::copy_n(s_.cwiseAbs2().eval().data(), rows.k, prior_.begin());
-    variance_ = prior_;
+    reset();
     bound_.assign(static_cast<std::size_t>(groups_.candidates()), 0.0);
     stage_.assign(bound_.size(), 0);
     scratch_.resize(static_cast<std::size_t>(threads_));
@@ -70,7 +68,9 @@ class AOptimalChooser final : public LightChooser {
   }
 
   Standing best(const std::vector<std::uint8_t>& open) override;
-  void take(int candidate) override;
+  void take(std::span<const int> candidates) override;
+  Standing standing() const override;
+  void restart() override;
   const std::vector<std::uint8_t>& seen() const override { return groups_.seen(); }
   const SelectionStatistics& statistics() const override { return statistics_; }
 
@@ -80,6 +80,7 @@ class AOptimalChooser final : public LightChooser {
     std::vector<double> A, inverse, energy;
   };
 
+  void reset();
   void turn_to_posterior();
   double bound_by_head(int candidate, int head, Scratch& scratch) const;
   double trace_with(int candidate, Scratch& scratch) const;
@@ -108,8 +109,32 @@ class AOptimalChooser final : public LightChooser {
   SelectionStatistics statistics_;
 };
 
-void AOptimalChooser::take(int candidate) {
-  const std::span<const std::int32_t> added = groups_.take(candidate);
+Standing AOptimalChooser::standing() const {
+  if (groups_.seen_cells() == 0) return {};
+  const PackedRows& rows = groups_.rows();
+  std::vector<double> A = gram_, inverse(gram_.size());
+  CHECK(cholesky(A, rows.k, rows.stride, level_));
+  return {-1, 0, trace_of_inverse(A, rows.k, rows.stride, prior_, inverse, level_)};
+}
+
+void AOptimalChooser::restart() {
+  groups_.restart();
+  reset();
+}
+
+void AOptimalChooser::reset() {
+  const PackedRows& rows = groups_.rows();
+  gram_.assign(size_of(rows.k, rows.stride), 0.0);
+  for (int i = 0; i < rows.k; ++i) gram_[static_cast<std::size_t>(i * rows.stride + i)] = 1.0;
+  variance_ = prior_;
+  turned_.data.clear();
+  rounding_ = trace_of_A_ = 0;
+  posterior_is_old_ = false;
+  statistics_ = {};
+}
+
+void AOptimalChooser::take(std::span<const int> candidates) {
+  const std::span<const std::int32_t> added = groups_.take(candidates);
   add_gram(groups_.rows(), added, gram_, level_);
   posterior_is_old_ = posterior_is_old_ || !added.empty();
 }
@@ -246,10 +271,10 @@ Standing AOptimalChooser::best(const std::vector<std::uint8_t>& open) {
                         return of_a != of_b ? of_a < of_b : a < b;
                       });
     const double limit = least * (1 + 2 * tie_tolerance(0));
-    std::vector<int> next(open_still.begin(), open_still.begin() + static_cast<std::ptrdiff_t>(n));
-    std::erase_if(next, [&](int i) { return bound_[static_cast<std::size_t>(i)] > limit; });
-    if (next.empty()) break;
-    look_closer(next);
+    std::size_t below = 0;  // the limit; they are in order
+    while (below < n && !(bound_[static_cast<std::size_t>(open_still[below])] > limit)) ++below;
+    if (below == 0) break;
+    look_closer(std::span(open_still).first(below));
   }
   statistics_.bounded_away += static_cast<std::int64_t>(active.size() - standings.size());
   return best_of(standings);

@@ -55,7 +55,9 @@ class ConditionChooser final : public LightChooser {
                    const SelectionOptions& options);
 
   Standing best(const std::vector<std::uint8_t>& open) override;
-  void take(int candidate) override;
+  void take(std::span<const int> candidates) override;
+  Standing standing() const override;
+  void restart() override;
   const std::vector<std::uint8_t>& seen() const override { return groups_.seen(); }
   const SelectionStatistics& statistics() const override { return statistics_; }
 
@@ -78,7 +80,8 @@ class ConditionChooser final : public LightChooser {
   };
   /// Memory that one worker uses again for every group.
   struct Work {
-    std::vector<double> A, R, z, ones;
+    std::vector<double> A, R, z, scratch;
+    PackedRows factor;
     std::vector<std::uint8_t> own;  ///< (packed cells) all zero between calls
     std::vector<std::int32_t> cells;
   };
@@ -91,7 +94,7 @@ class ConditionChooser final : public LightChooser {
   void refine(int group, int candidate, int iterations, Work& work);
   void gather_information(int group, int candidate, Work& work);
   bool refine_least(Pair& pair, double top, int iterations, Work& work) const;
-  void refine_by_qr(Group& group, std::span<const std::int32_t> cells) const;
+  void refine_by_qr(Group& group, std::span<const std::int32_t> cells, Work& work) const;
   void measure_taken(Pair& pair) const;
   void measure_cells(int group);
   void bound_members(int group, std::span<const int> members);
@@ -99,8 +102,11 @@ class ConditionChooser final : public LightChooser {
   void first_look(const CandidateGroups::Distinct& distinct);
   bool look_at_weakest();
   bool beyond_full_rank(int candidate) const;
+  Conditioning conditioning_of_factor(const PackedRows& R, Eigen::Index cells) const;
   Standing decide(int candidate);
   void decide_deficient(const std::vector<int>& active, std::vector<Standing>& standings);
+  void factor_with(std::span<const std::int32_t> cells, PackedRows& out,
+                   std::vector<double>& scratch) const;
   PackedRows factor_with(std::span<const std::int32_t> cells) const;
   Stage& stage_of(int candidate) { return stage_[static_cast<std::size_t>(candidate)]; }
 
@@ -117,7 +123,7 @@ class ConditionChooser final : public LightChooser {
   std::vector<double> bound_;  ///< (candidates) lower bound of κ²
   std::vector<Stage> stage_;
   std::vector<Decision> decisions_;
-  int rank_ = 0;  ///< of the rows taken
+  int rank_ = 0;  ///< of the rows taken, −1: not known
   SelectionStatistics statistics_;
 };
 
@@ -159,58 +165,91 @@ ConditionChooser::ConditionChooser(const BrdfBasis& basis, const CandidateBins& 
   weakest_.of_y.resize(all_cells_.size());
 }
 
-/// R of [R; rows of these cells], (min(rows, k) × stride).
-PackedRows ConditionChooser::factor_with(std::span<const std::int32_t> cells) const {
+/// R of [R; rows of these cells], (min(rows, k) × stride), into `out`.
+void ConditionChooser::factor_with(std::span<const std::int32_t> cells, PackedRows& out,
+                                   std::vector<double>& scratch) const {
   const PackedRows& rows = groups_.rows();
-  PackedRows stacked = R_;
+  out.k = k_;
+  out.stride = stride_;
+  out.data.assign(R_.data.begin(), R_.data.end());
   for (const std::int32_t cell : cells) {
     const double* of_cell = rows.of(cell);
-    stacked.data.insert(stacked.data.end(), of_cell,
-                        of_cell + static_cast<std::ptrdiff_t>(rows.per_cell) * stride_);
+    out.data.insert(out.data.end(), of_cell,
+                    of_cell + static_cast<std::ptrdiff_t>(rows.per_cell) * stride_);
   }
-  const auto count = static_cast<int>(stacked.data.size() / static_cast<std::size_t>(stride_));
-  if (count <= k_) return stacked;
-  std::vector<double> scratch(static_cast<std::size_t>(count + stride_));
-  triangularize(stacked.data, count, k_, stride_, scratch, level_);
-  stacked.data.resize(gram_.size());
+  const auto count = static_cast<int>(out.data.size() / static_cast<std::size_t>(stride_));
+  if (count <= k_) return;
+  scratch.resize(static_cast<std::size_t>(count + stride_));
+  triangularize(out.data, count, k_, stride_, scratch, level_);
+  out.data.resize(gram_.size());
   for (int i = 1; i < k_; ++i) {
-    double* row = stacked.data.data() + static_cast<std::ptrdiff_t>(i) * stride_;
+    double* row = out.data.data() + static_cast<std::ptrdiff_t>(i) * stride_;
     std::fill(row, row + i, 0.0);
   }
-  return stacked;
+}
+
+PackedRows ConditionChooser::factor_with(std::span<const std::int32_t> cells) const {
+  PackedRows R;
+  std::vector<double> scratch;
+  factor_with(cells, R, scratch);
+  return R;
 }
 
 Standing ConditionChooser::decide(int candidate) {
   ++statistics_.exact_evaluations;
   const std::span<const std::int32_t> cells = groups_.fresh(candidate);
-  const Eigen::Index total =
-      (groups_.seen_cells() + static_cast<Eigen::Index>(cells.size())) * groups_.rows().per_cell;
   PackedRows R = factor_with(cells);
-  const Eigen::Index rows = static_cast<Eigen::Index>(R.data.size()) / stride_;
-  const Eigen::Map<const Eigen::MatrixXd> transposed(R.data.data(), stride_, rows);
-  const Eigen::MatrixXd square = transposed.topRows(k_).transpose();
-  const Conditioning found = conditioning_of(singular_values(square), total, k_);
+  const Conditioning found =
+      conditioning_of_factor(R, groups_.seen_cells() + static_cast<Eigen::Index>(cells.size()));
   decisions_.push_back({candidate, found.rank, std::move(R)});
   return {candidate, found.rank, found.pseudo_condition};
 }
 
-void ConditionChooser::take(int candidate) {
-  auto known = std::find_if(decisions_.begin(), decisions_.end(),
-                            [&](const Decision& d) { return d.candidate == candidate; });
-  if (known == decisions_.end()) {  // a light captured already: nobody chose it here
-    decide(candidate);
-    --statistics_.exact_evaluations;
-    known = decisions_.end() - 1;
+void ConditionChooser::take(std::span<const int> candidates) {
+  const auto known = std::find_if(decisions_.begin(), decisions_.end(), [&](const Decision& d) {
+    return candidates.size() == 1 && d.candidate == candidates.front();
+  });
+  const std::span<const std::int32_t> added = groups_.take(candidates);
+  if (known != decisions_.end()) {
+    R_ = std::move(known->R);
+    rank_ = known->rank;
+  } else if (!added.empty()) {  // lights captured already: nobody chose them here
+    R_ = factor_with(added);
+    rank_ = -1;
   }
-  R_ = std::move(known->R);
-  rank_ = known->rank;
   decisions_.clear();
   R_.per_cell = static_cast<int>(R_.data.size() / static_cast<std::size_t>(stride_));
-  const std::span<const std::int32_t> added = groups_.take(candidate);
   add_gram(groups_.rows(), added, gram_, level_);
   for (Group& group : group_) {
     if (!group.x.empty()) measure_taken(group);
   }
+}
+
+void ConditionChooser::restart() {
+  groups_.restart();
+  R_.data.clear();
+  rank_ = 0;
+  decisions_.clear();
+  std::fill(gram_.begin(), gram_.end(), 0.0);
+  statistics_ = {};
+  for (Group& group : group_) {
+    group.in_gram = 0;
+    measure_taken(group);
+  }
+}
+
+Conditioning ConditionChooser::conditioning_of_factor(const PackedRows& R,
+                                                      Eigen::Index cells) const {
+  const Eigen::Index rows = static_cast<Eigen::Index>(R.data.size()) / stride_;
+  const Eigen::Map<const Eigen::MatrixXd> transposed(R.data.data(), stride_, rows);
+  const Eigen::MatrixXd square = transposed.topRows(k_).transpose();
+  return conditioning_of(singular_values(square), cells * groups_.rows().per_cell, k_);
+}
+
+Standing ConditionChooser::standing() const {
+  if (groups_.seen_cells() == 0) return {};
+  const Conditioning found = conditioning_of_factor(R_, groups_.seen_cells());
+  return {-1, found.rank, found.pseudo_condition};
 }
 
 /// |Rx|² and |Ry|².
@@ -260,14 +299,15 @@ void ConditionChooser::gather_information(int g, int candidate, Work& work) {
 }
 
 /// The extreme vectors of A + B by QR and triangular solves: for what Cholesky cannot factor.
-void ConditionChooser::refine_by_qr(Group& group, std::span<const std::int32_t> cells) const {
-  const PackedRows R = factor_with(cells);
-  if (R.data.size() < gram_.size()) return;
-  std::vector<double> z = group.x;
+void ConditionChooser::refine_by_qr(Group& group, std::span<const std::int32_t> cells,
+                                    Work& work) const {
+  factor_with(cells, work.factor, work.scratch);
+  if (work.factor.data.size() < gram_.size()) return;
+  std::copy(group.x.begin(), group.x.end(), work.z.begin());
   for (int i = 0; i < 8; ++i) {
-    solve_with_factor(R.data, k_, stride_, z, level_);
-    if (normalize(z) == 0) return;
-    group.x = z;
+    solve_with_factor(work.factor.data, k_, stride_, work.z, level_);
+    if (normalize(work.z) == 0) return;
+    std::copy(work.z.begin(), work.z.end(), group.x.begin());
   }
 }
 
@@ -322,7 +362,7 @@ void ConditionChooser::refine(int g, int candidate, int iterations, Work& work) 
         if (!groups_.packed_seen(cell)) work.cells.push_back(cell);
       }
     }
-    refine_by_qr(group, candidate < 0 ? work.cells : groups_.fresh(candidate));
+    refine_by_qr(group, candidate < 0 ? work.cells : groups_.fresh(candidate), work);
   }
   measure_taken(group);
   measure_cells(g);
@@ -422,6 +462,7 @@ void ConditionChooser::first_look(const CandidateGroups::Distinct& distinct) {
 /// No candidate reaches full rank: the rank decides, and its bound is the number of rows.
 void ConditionChooser::decide_deficient(const std::vector<int>& active,
                                         std::vector<Standing>& standings) {
+  if (rank_ < 0) rank_ = standing().rank;
   const auto rank_bound = [&](int i) {
     const std::size_t rows =
         groups_.fresh(i).size() * static_cast<std::size_t>(groups_.rows().per_cell);

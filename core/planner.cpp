@@ -110,19 +110,6 @@ SelectedLight reported(const BrdfBasis& basis, const Progress& progress, const S
   return light;
 }
 
-/// How the lights captured already stand: what the first new one is measured against.
-Standing standing_of_already(const BrdfBasis& basis, const LightChooser& chooser,
-                             const SelectionOptions& options) {
-  if (options.already.empty()) return {};
-  const Eigen::MatrixXd G = CellRows(basis).gather(marked(chooser.seen()));
-  if (G.rows() == 0) return {};
-  if (options.criterion == Criterion::a_optimal) {
-    return {options.already.back(), 0, posterior_trace(basis.stddev, G, options.sigma)};
-  }
-  const Conditioning found = conditioning_of(singular_values(G), G.rows(), G.cols());
-  return {options.already.back(), found.rank, found.pseudo_condition};
-}
-
 std::unique_ptr<LightChooser> make_chooser(const BrdfBasis& basis, const CandidateBins& bins,
                                            const SelectionOptions& options) {
   if (options.brute_force) return make_plain_chooser(basis, bins, options);
@@ -134,43 +121,61 @@ std::unique_ptr<LightChooser> make_chooser(const BrdfBasis& basis, const Candida
 
 }  // namespace
 
-Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
-                        const SelectionOptions& options) {
-  const auto candidates = static_cast<std::size_t>(bins.candidates());
+LightPlanner::LightPlanner(const BrdfBasis& basis, const CandidateBins& bins,
+                           const SelectionOptions& options)
+    : basis_(basis), bins_(bins), chooser_(make_chooser(basis, bins, options)) {
   CHECK(basis.grid == bins.grid);
+}
+LightPlanner::~LightPlanner() = default;
+LightPlanner::LightPlanner(LightPlanner&&) noexcept = default;
+
+Selection LightPlanner::select(const SelectionOptions& options) {
+  const auto candidates = static_cast<std::size_t>(bins_.candidates());
   CHECK(options.excluded.empty() || options.excluded.size() == candidates);
+  if (used_) chooser_->restart();
+  used_ = true;
   std::vector<std::uint8_t> open(candidates, 1);
   for (std::size_t i = 0; i < options.excluded.size(); ++i) {
     if (options.excluded[i] != 0) open[i] = 0;
   }
-  const std::unique_ptr<LightChooser> chooser = make_chooser(basis, bins, options);
-  Progress progress(basis, options);
+  Progress progress(basis_, options);
   Selection selection;
   selection.mean_only_error_percent = progress.predicted_error_percent();
-  for (const int taken : options.already) {
-    CHECK(taken >= 0 && taken < bins.candidates());
-    progress.add(unseen(bins.of(taken), chooser->seen()));
-    chooser->take(taken);
-    open[static_cast<std::size_t>(taken)] = 0;
+  Standing before;
+  if (!options.already.empty()) {
+    for (const int taken : options.already) {
+      CHECK(taken >= 0 && taken < bins_.candidates());
+      open[static_cast<std::size_t>(taken)] = 0;
+    }
+    chooser_->take(options.already);
+    progress.add(marked(chooser_->seen()));
+    before = chooser_->standing();
+    if (before.rank > 0 || before.score < std::numeric_limits<double>::infinity()) {
+      before.candidate = options.already.back();
+    }
   }
-  Standing before = standing_of_already(basis, *chooser, options);
   while (static_cast<int>(selection.lights.size()) < options.max_lights) {
-    const Standing next = chooser->best(open);
+    const Standing next = chooser_->best(open);
     if (next.candidate < 0) break;
     if (!worth_taking(options, before, next)) {
       selection.plateau_reached = true;
       break;
     }
-    const std::vector<std::int32_t> fresh = unseen(bins.of(next.candidate), chooser->seen());
+    const std::vector<std::int32_t> fresh = unseen(bins_.of(next.candidate), chooser_->seen());
     progress.add(fresh);
-    chooser->take(next.candidate);
+    chooser_->take({&next.candidate, 1});
     open[static_cast<std::size_t>(next.candidate)] = 0;
     selection.lights.push_back(
-        reported(basis, progress, next, static_cast<int>(fresh.size()), options));
+        reported(basis_, progress, next, static_cast<int>(fresh.size()), options));
     before = next;
   }
-  selection.statistics = chooser->statistics();
+  selection.statistics = chooser_->statistics();
   return selection;
+}
+
+Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
+                        const SelectionOptions& options) {
+  return LightPlanner(basis, bins, options).select(options);
 }
 
 Conditioning conditioning(const BrdfBasis& basis, const CandidateBins& bins,

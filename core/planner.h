@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -9,6 +10,8 @@
 #include "core/candidate_bins.h"
 
 namespace lightrig {
+
+class LightChooser;
 
 enum class Criterion : std::uint8_t {
   condition,  ///< κ² = λmax/λmin of GᵀG [Ali 2013]
@@ -68,6 +71,28 @@ struct Selection {
 /// one set of coefficients, which is the trace over the BRDF since V is orthonormal.
 Selection select_lights(const BrdfBasis& basis, const CandidateBins& bins,
                         const SelectionOptions& options);
+
+/// select_lights() in two parts: the candidates made ready once, then chosen from as often as there
+/// is a reason to, a light lost or rows that were saturated. With the lights captured so far in
+/// `already` and those lost in `excluded` the next choice costs one step, not a plan. Not for two
+/// threads at once.
+class LightPlanner {
+ public:
+  /// `basis` and `bins` must outlive it. Of the options the criterion, sigma, brute_force and
+  /// threads count here and hold for every selection.
+  LightPlanner(const BrdfBasis& basis, const CandidateBins& bins, const SelectionOptions& options);
+  ~LightPlanner();
+  LightPlanner(LightPlanner&&) noexcept;
+
+  /// The rest of the options may differ from call to call. The same lights as select_lights().
+  Selection select(const SelectionOptions& options);
+
+ private:
+  const BrdfBasis& basis_;
+  const CandidateBins& bins_;
+  std::unique_ptr<LightChooser> chooser_;
+  bool used_ = false;
+};
 
 /// κ² of the given candidates' rows together; infinite and rank when rank-deficient.
 struct Conditioning {

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "core/planner_rows.h"
@@ -21,8 +22,14 @@ class LightChooser {
   /// cell.
   virtual Standing best(const std::vector<std::uint8_t>& open) = 0;
 
-  /// Adds a candidate's cells to those seen.
-  virtual void take(int candidate) = 0;
+  /// Adds the cells of these candidates to those seen.
+  virtual void take(std::span<const int> candidates) = 0;
+
+  /// How the lights taken stand together; candidate −1, rank 0 where none shows a cell.
+  virtual Standing standing() const = 0;
+
+  /// Forgets what was taken and counted, and keeps what was prepared.
+  virtual void restart() = 0;
 
   /// Cells seen so far (cells), 1 = seen.
   virtual const std::vector<std::uint8_t>& seen() const = 0;

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "core/planner_chooser.h"
 
 namespace lightrig {
@@ -24,8 +26,15 @@ class PlainChooser final : public LightChooser {
     return best_of(standings);
   }
 
-  void take(int candidate) override {
-    for (const std::int32_t cell : bins_.of(candidate)) seen_[static_cast<std::size_t>(cell)] = 1;
+  void take(std::span<const int> candidates) override {
+    for (const int candidate : candidates) {
+      for (const std::int32_t cell : bins_.of(candidate)) seen_[static_cast<std::size_t>(cell)] = 1;
+    }
+  }
+  Standing standing() const override { return standing_of(seen_, -1); }
+  void restart() override {
+    std::fill(seen_.begin(), seen_.end(), 0);
+    statistics_ = {};
   }
 
   const std::vector<std::uint8_t>& seen() const override { return seen_; }
@@ -35,6 +44,10 @@ class PlainChooser final : public LightChooser {
   Standing standing_with(int candidate) const {
     std::vector<std::uint8_t> all = seen_;
     for (const std::int32_t cell : bins_.of(candidate)) all[static_cast<std::size_t>(cell)] = 1;
+    return standing_of(all, candidate);
+  }
+
+  Standing standing_of(const std::vector<std::uint8_t>& all, int candidate) const {
     std::vector<std::int32_t> cells;
     for (std::size_t c = 0; c < all.size(); ++c) {
       if (all[c] != 0) cells.push_back(static_cast<std::int32_t>(c));
@@ -49,7 +62,7 @@ class PlainChooser final : public LightChooser {
 
   const BrdfBasis& basis_;
   const CandidateBins& bins_;
-  const SelectionOptions& options_;
+  const SelectionOptions options_;
   std::vector<std::uint8_t> seen_;
   SelectionStatistics statistics_;
 };

@@ -253,6 +253,7 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
     total += stage.seconds;
   }
   json["cost"] = {{"plan_s", total},
+                  {"peak_memory_mib", prepared.peak_memory_mib},
                   {"predicted_capture_s", plan.predicted_capture_time},
                   {"stages_s", std::move(stages)}};
   return json.dump(1) + "\n";

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <chrono>
@@ -33,6 +34,12 @@ class StageClock {
   std::vector<StageCost>& cost_;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
+
+/// The most memory that this process has held [MiB].
+double peak_memory_mib() {
+  rusage usage{};
+  return getrusage(RUSAGE_SELF, &usage) == 0 ? static_cast<double>(usage.ru_maxrss) / 1024 : 0;
+}
 
 int thread_count() { return static_cast<int>(std::max(1U, std::thread::hardware_concurrency())); }
 
@@ -345,6 +352,7 @@ Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_for
   if (auto chosen = choose_lights(rig, spec, brute_force, *prepared, clock); !chosen) {
     return tl::unexpected(chosen.error());
   }
+  prepared->peak_memory_mib = peak_memory_mib();
   return prepared;
 }
 

@@ -5,6 +5,8 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 
 #include "core/fit.h"
 #include "core/planner.h"
@@ -142,6 +144,38 @@ TEST(SelectLights, EqualsBruteForceOnTheMeshesAndMaterialsOfTheDataFolder) {
   }
 }
 
+/// All 144 combinations, some minutes: tests/planner_exact_all.
+TEST(SelectLights, EqualsBruteForceOnEveryCombinationWhenAsked) {
+  const auto folder = test::data_folder();
+  if (std::getenv("LIGHTRIG_EXACT_ALL") == nullptr) GTEST_SKIP() << "LIGHTRIG_EXACT_ALL not set";
+  if (!folder) GTEST_SKIP() << "no data folder (LIGHTRIG_DATA, ../shared/data)";
+  for (const ChannelLayout layout : {ChannelLayout::stacked, ChannelLayout::columns}) {
+    const BrdfBasis full = test::data_basis(*folder, layout, 79);
+    for (const char* mesh : {"sphere", "bunny", "happy_buddha", "dragon", "teapot", "head_igea"}) {
+      for (const bool pixels : {false, true}) {
+        for (const bool distant : {true, false}) {
+          const CandidateBins bins = bins_of_scene(mesh, *folder, full, distant, pixels, 40);
+          for (const Eigen::Index k : {20, 45, 79}) {
+            const BrdfBasis basis = truncated(full, k);
+            SelectionOptions options;
+            options.stop = StopRule::count;
+            options.max_lights = 4;
+            const Selection fast = select_lights(basis, bins, options);
+            options.brute_force = true;
+            const auto verdict = same(fast, select_lights(basis, bins, options));
+            EXPECT_TRUE(verdict);
+            std::printf("%-13s %-8s %-7s %-8s K %2d  %zu lights  kappa2 %.10g  %s\n", mesh,
+                        layout == ChannelLayout::stacked ? "stacked" : "columns",
+                        distant ? "distant" : "near", pixels ? "pixels" : "vertices",
+                        static_cast<int>(k), fast.lights.size(), fast.lights.back().score,
+                        verdict ? "equal" : "DIFFERS");
+          }
+        }
+      }
+    }
+  }
+}
+
 TEST(SelectLights, ReplanningWithOneLightLostKeepsTheOthers) {
   const BivariateGrid grid{20, 8};
   const BrdfBasis basis = test::random_basis(3, grid, ChannelLayout::columns, 1, 10, 0.8);
@@ -163,6 +197,29 @@ TEST(SelectLights, ReplanningWithOneLightLostKeepsTheOthers) {
   std::vector<int> all = options.already;
   all.push_back(again.lights[0].candidate);
   EXPECT_NEAR(conditioning(basis, bins, all).pseudo_condition / again.lights[0].score, 1, 1e-9);
+}
+
+TEST(LightPlanner, ChoosesAgainAndAgainWhatSelectLightsChooses) {
+  for (std::uint64_t seed = 0; seed < 60; ++seed) {
+    SmallProblem problem = small_problem(seed);
+    LightPlanner planner(problem.basis, problem.bins, problem.options);
+    const Selection first = planner.select(problem.options);
+    EXPECT_TRUE(same(first, select_lights(problem.basis, problem.bins, problem.options)));
+    if (first.lights.size() < 3) continue;
+    // The second light is lost: the others stand, and it may not be taken again.
+    SelectionOptions again = problem.options;
+    again.excluded.assign(static_cast<std::size_t>(problem.bins.candidates()), 0);
+    again.excluded[static_cast<std::size_t>(first.lights[1].candidate)] = 1;
+    for (const std::size_t kept : {std::size_t{0}, std::size_t{2}})
+      again.already.push_back(first.lights[kept].candidate);
+    again.max_lights = 2;
+    EXPECT_TRUE(same(planner.select(again), select_lights(problem.basis, problem.bins, again)))
+        << "seed " << seed;
+    again.brute_force = true;
+    EXPECT_TRUE(same(select_lights(problem.basis, problem.bins, again), planner.select(again)))
+        << "seed " << seed;
+    EXPECT_TRUE(same(planner.select(problem.options), first)) << "seed " << seed;
+  }
 }
 
 TEST(SelectLights, PredictsTheErrorThatTheFitWouldPredict) {

@@ -1,0 +1,82 @@
+// No memory is taken per candidate, nor per point: what planning allocates does not grow with them.
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cstdlib>
+#include <new>
+
+#include "core/planner.h"
+#include "core/surface_points.h"
+#include "planner_scene.h"
+
+namespace {
+
+std::atomic<std::int64_t> allocations{0};
+
+void* counted(std::size_t size) {
+  ++allocations;
+  if (void* memory = std::malloc(size > 0 ? size : 1); memory != nullptr) return memory;
+  throw std::bad_alloc();
+}
+
+}  // namespace
+
+// The whole test program counts. Eigen allocates by malloc of its own: its matrices are not seen
+// here, and stand only in what is done once per light.
+void* operator new(std::size_t size) { return counted(size); }
+void* operator new[](std::size_t size) { return counted(size); }
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete[](void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
+
+namespace lightrig {
+namespace {
+
+TEST(PlannerMemory, SelectionAllocatesNothingPerCandidate) {
+  const BivariateGrid grid{40, 12};
+  const BrdfBasis basis = test::random_basis(3, grid, ChannelLayout::columns, 1, 24, 0.8);
+  for (const Criterion criterion : {Criterion::condition, Criterion::a_optimal}) {
+    const CandidateBins bins = test::random_bins(4, grid, 8000, true);
+    SelectionOptions options;
+    options.criterion = criterion;
+    options.stop = StopRule::count;
+    options.max_lights = 4;
+    LightPlanner planner(basis, bins, options);
+    const std::int64_t before = allocations;
+    const Selection selection = planner.select(options);
+    const std::int64_t taken = allocations - before;
+    EXPECT_EQ(selection.lights.size(), 4U);
+    // 8,000 candidates are looked at four times over. What is decided exactly may take memory: that
+    // is few of them.
+    const std::int64_t exact = selection.statistics.exact_evaluations;
+    EXPECT_LT(exact, 1000);
+    EXPECT_LT(taken, 1000 + 20 * exact) << exact << " exact evaluations";
+  }
+}
+
+TEST(PlannerMemory, BinningAllocatesNothingPerCandidateOrPoint) {
+  for (const bool distant : {true, false}) {
+    std::int64_t taken[2] = {0, 0};
+    int size = 60, lights = 100;
+    const Mesh mesh = test::sphere_mesh(4);
+    const Occluder occluder(mesh);
+    for (std::int64_t& count : taken) {
+      const SurfacePoints points =
+          points_of_pixels(mesh, occluder, test::facing_camera(distant, 4, size, size), 1);
+      const auto candidates = test::spread_lights(lights, distant, 3);
+      const std::int64_t before = allocations;
+      const BinningResult result =
+          bin_candidates(points, candidates, {}, {}, {}, occluder, ShadowRays::needed, 1);
+      count = allocations - before;
+      EXPECT_GT(result.bins.cell.size(), 0U);
+      size *= 2;
+      lights *= 8;
+    }
+    EXPECT_LT(taken[1] - taken[0], 100) << "for 700 candidates more";
+  }
+}
+
+}  // namespace
+}  // namespace lightrig
