@@ -46,7 +46,7 @@ Coefficients fit(const BrdfBasis& basis, std::span<const BrdfObservations> light
 struct Reconstruction {
   BrdfTable brdf;
   Eigen::ArrayXXd log_stddev;          ///< (cells × C), standard deviation in mapped units
-  double predicted_error_percent = 0;  ///< expected METHOD.md percentage error
+  double predicted_error_percent = 0;  ///< expected percentage error [docs/method.md]
   double predicted_low_percent = 0, predicted_high_percent = 0;  ///< 90 % interval
   int clipped_cells = 0;
 };

@@ -37,7 +37,7 @@ struct Prepared {
   CandidateBins bins;
   Plan plan;
   std::vector<StageCost> cost;
-  double peak_memory_mib = 0;  ///< of this process so far, once all of this is ready
+  double peak_memory_mib = 0;        ///< of this process so far, once all of this is ready
   std::vector<std::string> remarks;  ///< mesh repairs, materials passed over, candidates left out
 };
 
