@@ -26,10 +26,10 @@ struct Scale {
 
 bool drawable(double x, bool log) { return std::isfinite(x) && (!log || x > 0); }
 
-Scale fit_scale(const Chart& chart, bool x_axis) {
+Scale fit_scale(const StudyChart& chart, bool x_axis) {
   const bool log = x_axis ? chart.log_x : chart.log_y;
   double low = HUGE_VAL, high = -HUGE_VAL;
-  for (const ChartSeries& s : chart.series) {
+  for (const StudySeries& s : chart.series) {
     for (const auto& [x, y] : s.points) {
       const double v = x_axis ? x : y;
       if (!drawable(v, log)) continue;
@@ -66,7 +66,7 @@ std::vector<double> ticks(const Scale& scale) {
   return out;
 }
 
-std::string axes(const Chart& chart, const Scale& x, const Scale& y) {
+std::string axes(const StudyChart& chart, const Scale& x, const Scale& y) {
   std::string svg;
   for (const double t : ticks(x)) {
     svg += fmt::format(
@@ -88,7 +88,7 @@ std::string axes(const Chart& chart, const Scale& x, const Scale& y) {
   return svg;
 }
 
-std::string series_svg(const ChartSeries& s, const char* colour, const Scale& x, const Scale& y) {
+std::string series_svg(const StudySeries& s, const char* colour, const Scale& x, const Scale& y) {
   std::string path, dots;
   for (const auto& [px, py] : s.points) {
     if (!drawable(px, x.log) || !drawable(py, y.log)) continue;
@@ -102,7 +102,7 @@ std::string series_svg(const ChartSeries& s, const char* colour, const Scale& x,
 
 }  // namespace
 
-std::string to_svg(const Chart& chart) {
+std::string to_svg(const StudyChart& chart) {
   Scale x = fit_scale(chart, true), y = fit_scale(chart, false);
   if (chart.diagonal) {
     x.low = y.low = std::min(x.low, y.low);

@@ -51,15 +51,16 @@ std::vector<std::string> methods_in(const Figures& figures, const std::string& o
 }
 
 /// Error against lights, or against rig minutes: one line per method.
-Chart error_chart(const Figures& figures, const std::string& object, double minutes_per_light) {
-  Chart chart;
+StudyChart error_chart(const Figures& figures, const std::string& object,
+                       double minutes_per_light) {
+  StudyChart chart;
   const bool time = minutes_per_light > 0;
   chart.title = object + (time ? ": error against run time" : ": error against lights");
   chart.x_label = time ? "rig time [min]" : "lights";
   chart.y_label = "median error of ln f [%]";
   chart.log_y = true;
   for (const std::string& method : methods_in(figures, object)) {
-    ChartSeries series{method, {}};
+    StudySeries series{method, {}};
     for (const StudyFigure& f : figures) {
       if (f.object == object && f.method == method) {
         series.points.emplace_back(f.lights * (time ? minutes_per_light : 1), f.median);
@@ -70,16 +71,16 @@ Chart error_chart(const Figures& figures, const std::string& object, double minu
   return chart;
 }
 
-Chart condition_chart(const Figures& figures, const std::vector<std::string>& objects) {
-  Chart chart{"Condition number of the paper's lights (its Fig. 3)",
-              "lights",
-              "median condition (λmax/λmin of GᵀG)",
-              {},
-              false,
-              true,
-              false};
+StudyChart condition_chart(const Figures& figures, const std::vector<std::string>& objects) {
+  StudyChart chart{"Condition number of the paper's lights (its Fig. 3)",
+                   "lights",
+                   "median condition (λmax/λmin of GᵀG)",
+                   {},
+                   false,
+                   true,
+                   false};
   for (const std::string& object : objects) {
-    ChartSeries series{object, {}};
+    StudySeries series{object, {}};
     for (const StudyFigure& f : figures) {
       if (f.object == object && f.method == "paper")
         series.points.emplace_back(f.lights, f.condition);
@@ -90,7 +91,7 @@ Chart condition_chart(const Figures& figures, const std::vector<std::string>& ob
 }
 
 /// Each material's mean error, sorted by the paper's: its Fig. 5.
-Chart material_chart(const StoredStudy& study, const std::string& object, int lights) {
+StudyChart material_chart(const StoredStudy& study, const std::string& object, int lights) {
   std::map<std::string, std::map<std::string, std::pair<double, int>>> sums;  // method, material
   for (const StudyRow& row : study.rows) {
     if (row.object != object || (row.lights != lights && row.lights != 0)) continue;
@@ -103,16 +104,17 @@ Chart material_chart(const StoredStudy& study, const std::string& object, int li
     order.emplace_back(s.first / s.second, material);
   }
   std::sort(order.begin(), order.end());
-  Chart chart{fmt::format("{}: each material at {} lights (the paper's Fig. 5)", object, lights),
-              "test materials, by the paper's error",
-              "error of ln f [%]",
-              {},
-              false,
-              true,
-              false};
+  StudyChart chart{
+      fmt::format("{}: each material at {} lights (the paper's Fig. 5)", object, lights),
+      "test materials, by the paper's error",
+      "error of ln f [%]",
+      {},
+      false,
+      true,
+      false};
   for (const StudyMethod& method : study_methods()) {
     if (!sums.contains(method.name) || method.name.starts_with("random")) continue;
-    ChartSeries series{method.name, {}};
+    StudySeries series{method.name, {}};
     for (std::size_t i = 0; i < order.size(); ++i) {
       const auto found = sums[method.name].find(order[i].second);
       if (found == sums[method.name].end()) continue;
@@ -125,22 +127,22 @@ Chart material_chart(const StoredStudy& study, const std::string& object, int li
 }
 
 /// Predicted against true error; at most some thousand dots, every k-th row.
-Chart calibration_chart(const StoredStudy& study) {
-  Chart chart{"Predicted against true error, every material",
-              "predicted error [%]",
-              "true error [%]",
-              {},
-              true,
-              true,
-              true};
+StudyChart calibration_chart(const StoredStudy& study) {
+  StudyChart chart{"Predicted against true error, every material",
+                   "predicted error [%]",
+                   "true error [%]",
+                   {},
+                   true,
+                   true,
+                   true};
   std::size_t with = 0;
   for (const StudyRow& row : study.rows) with += !std::isnan(row.predicted);
   const std::size_t step = std::max<std::size_t>(1, with / 3000);
-  std::map<std::string, ChartSeries> series;
+  std::map<std::string, StudySeries> series;
   std::size_t i = 0;
   for (const StudyRow& row : study.rows) {
     if (std::isnan(row.predicted) || i++ % step != 0) continue;
-    ChartSeries& s = series[row.method];
+    StudySeries& s = series[row.method];
     s.name = row.method;
     s.markers_only = true;
     s.points.emplace_back(row.predicted, row.percent_log);

@@ -28,17 +28,17 @@ std::string study_text(const StoredStudy& study);
 std::string study_html(const StoredStudy& study);
 
 /// A line chart.
-struct ChartSeries {
+struct StudySeries {
   std::string name;
   std::vector<std::pair<double, double>> points;
   bool markers_only = false;
 };
-struct Chart {
+struct StudyChart {
   std::string title, x_label, y_label;
-  std::vector<ChartSeries> series;
+  std::vector<StudySeries> series;
   bool log_x = false, log_y = false;
   bool diagonal = false;  ///< draw y = x
 };
-std::string to_svg(const Chart& chart);
+std::string to_svg(const StudyChart& chart);
 
 }  // namespace lightrig

@@ -175,8 +175,9 @@ TEST_F(CommandLine, TellsOfEveryOptionalPartAndOfTheLaboratory) {
   std::vector<std::string> names;
   for (const Json& one : all) {
     names.push_back(one["name"]);
-    if (!one["built"].get<bool>())
+    if (!one["built"].get<bool>()) {
       EXPECT_THAT(one["remedy"].get<std::string>(), HasSubstr("-DLIGHTRIG_WITH_")) << one.dump();
+    }
   }
   EXPECT_THAT(names, ::testing::ElementsAre("modbus", "usb", "aravis", "panel", "sim"));
   const std::string words = run(lightrig + " backends").out;
