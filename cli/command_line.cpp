@@ -105,6 +105,20 @@ void add_planning(Verbs& verbs) {
                    device_options->json);
   verb->add_option("rig", device_options->rig, "Also open this rig's devices, moving nothing");
 
+  auto simulate_options = std::make_shared<SimulateOptions>();
+  verb = with_json(verbs.add("simulate", "Host the far end of every wire a rig names, until Ctrl-C",
+                             simulate_options, &simulate),
+                   simulate_options->json);
+  verb->add_option("rig", simulate_options->rig, "Rig file with a [simulation] table")->required();
+  verb->add_option("session", simulate_options->session,
+                   "Session file: the object that lies there");
+  verb->add_option("--fault", simulate_options->faults, "Script of faults, one a line");
+  verb->add_option("--truth", simulate_options->truth,
+                   "Write the true BRDF here instead of into the session root");
+  verb->add_option("--record", simulate_options->record,
+                   "At the end write what every exposure really was, a JSON object a line");
+  verb->add_option("--seed", simulate_options->seed, "Of the noise, instead of the rig file's");
+
   auto json = std::make_shared<bool>(false);
   with_json(verbs.add("backends", "What this build contains, and how to get what it lacks",
                       [json] { return backends(*json); }),

@@ -116,6 +116,14 @@ int materials_import(const std::string& directory, const std::string& output);
 
 int backends(bool json);
 
+struct SimulateOptions {
+  std::string rig, session, faults, truth, record;
+  std::optional<std::uint64_t> seed;
+  bool json = false;
+};
+/// Hosts the far end of every wire the rig names, until SIGTERM or SIGINT.
+int simulate(const SimulateOptions& options);
+
 struct StudyVerbOptions {
   std::vector<std::string> objects{"sphere"}, methods;
   std::vector<int> lights;

@@ -24,6 +24,7 @@ if(LIGHTRIG_WITH_MODBUS)
 endif()
 if(LIGHTRIG_WITH_USB)
   pkg_check_modules(usb REQUIRED IMPORTED_TARGET libusb-1.0)
+  pkg_check_modules(umockdev REQUIRED IMPORTED_TARGET umockdev-1.0)  # the far end of a simulated USB wire
 endif()
 if(LIGHTRIG_WITH_ARAVIS)
   pkg_check_modules(aravis REQUIRED IMPORTED_TARGET aravis-0.8)

@@ -39,10 +39,11 @@ class BlockingLane {
     using std::chrono::steady_clock;
     const auto real_deadline = steady_clock::now() + (until.deadline - clock.now());
     if (until.stop.stop_requested() || clock.now() >= until.deadline)
-      return given_up(until, "was given no time");  // a call without time never begins
+      return given_up(until, "had no time left before it began");
     std::unique_lock lock(mutex_);
     if (!woken_.wait_until(lock, until.stop, real_deadline, [&] { return !busy_; }))
-      return given_up(until, "is still inside an earlier call that does not return");
+      return given_up(until,
+                      "is still inside an earlier call that does not return within its deadline");
     abandon_ = std::stop_source();
     job_ = std::move(job);
     result_.reset();
@@ -53,32 +54,63 @@ class BlockingLane {
                       [&] { return ticket_ == ticket && result_.has_value(); });
     if (!result_) {
       abandon_.request_stop();
-      return given_up(until, "did not answer");
+      return given_up(until, "did not answer within its deadline");
     }
     Result<T> result = std::move(*result_);
     result_.reset();
     return result;
   }
 
+  /// What the lane does by itself whenever nothing was asked of it for so long. Set once, before
+  /// the first call.
+  void when_idle(std::chrono::milliseconds every, std::function<void()> job) {
+    const std::lock_guard lock(mutex_);
+    idle_every_ = every;
+    idle_ = std::move(job);
+    woken_.notify_all();
+  }
+
  private:
   tl::unexpected<Error> given_up(const Until& until, const char* what) const {
     if (until.stop.stop_requested())
       return fail(ErrorCode::stopped, name_ + ": stopped on request");
-    return fail(ErrorCode::timed_out, name_ + " " + what + " within its deadline");
+    return fail(ErrorCode::timed_out, name_ + " " + what);
   }
 
   void work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
-    while (woken_.wait(lock, stop, [&] { return busy_; })) {
-      const Job job = std::move(job_);
-      const std::stop_token abandon = abandon_.get_token();
-      lock.unlock();
-      Result<T> result = job(abandon);
-      lock.lock();
-      if (!abandon.stop_requested()) result_ = std::move(result);
-      busy_ = false;
-      woken_.notify_all();
+    while (!stop.stop_requested()) {
+      const auto asked = [&] { return busy_; };
+      const auto heard = [&] { return busy_ || idle_; };
+      const bool job_came = idle_ ? woken_.wait_for(lock, stop, idle_every_, asked)
+                                  : woken_.wait(lock, stop, heard) && busy_;
+      if (stop.stop_requested() && !busy_) return;
+      if (job_came) {
+        run_job(lock);
+      } else if (idle_) {
+        run_idle(lock);
+      }
     }
+  }
+
+  void run_job(std::unique_lock<std::mutex>& lock) {
+    const Job job = std::move(job_);
+    const std::stop_token abandon = abandon_.get_token();
+    lock.unlock();
+    Result<T> result = job(abandon);
+    lock.lock();
+    if (!abandon.stop_requested()) result_ = std::move(result);
+    busy_ = false;
+    woken_.notify_all();
+  }
+
+  void run_idle(std::unique_lock<std::mutex>& lock) {
+    busy_ = true;
+    lock.unlock();
+    idle_();
+    lock.lock();
+    busy_ = false;
+    woken_.notify_all();
   }
 
   std::string name_;
@@ -89,6 +121,8 @@ class BlockingLane {
   Job job_;
   std::optional<Result<T>> result_;
   std::stop_source abandon_;
+  std::chrono::milliseconds idle_every_{0};
+  std::function<void()> idle_;
   std::jthread thread_;  // last: it uses all of the above
 };
 

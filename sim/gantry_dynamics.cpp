@@ -89,6 +89,11 @@ TimePoint GantryDynamics::halt(TimePoint now) {
 
 GantryMotionState GantryDynamics::at(TimePoint time) const { return evolved(time).state; }
 
+void GantryDynamics::displace(const AxisValues& by) {
+  position_ += by;
+  rest_ += by;
+}
+
 /// Makes `now` the start of the description, with the state the old one has come to.
 void GantryDynamics::restart(TimePoint now) {
   Evolved current = evolved(now);

@@ -52,6 +52,10 @@ class GantryDynamics {
 
   GantryMotionState at(TimePoint time) const;
 
+  /// Shifts where the drives are, and with it where they will end, by so much [rad or m]: a belt
+  /// that jumped. Speeds stay as they are.
+  void displace(const AxisValues& by);
+
   /// Where the drives are, or are going.
   const AxisValues& destination() const { return rest_; }
 

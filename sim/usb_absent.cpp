@@ -3,7 +3,8 @@
 
 namespace lightrig::sim {
 
-Result<std::vector<HostedWire>> host_wire(const Rig&, const GrblGantry&, std::shared_ptr<World>) {
+Result<std::vector<HostedWire>> host_wire(const Rig&, const GrblGantry&, std::shared_ptr<World>,
+                                          std::shared_ptr<WireFaults>) {
   return fail(
       ErrorCode::not_built,
       "simulated GRBL controller: this build leaves it out: install libusb-1.0-0-dev and build "

@@ -55,6 +55,15 @@ std::string beyond_limits(const GantryModel& gantry, const GantryPosition& to) {
 
 }  // namespace
 
+std::uint64_t content_of(const RawImage& image) {
+  std::uint64_t hash = 0xcbf29ce484222325ULL;
+  for (const std::uint16_t count : image.counts) {
+    hash = (hash ^ (count & 0xffU)) * 0x100000001b3ULL;
+    hash = (hash ^ (count >> 8U)) * 0x100000001b3ULL;
+  }
+  return hash;
+}
+
 World::World(const Rig& rig, Mesh object, Reflectance truth, Clock& clock, std::uint64_t seed,
              const RenderOptions& options)
     : rig_(rig),
@@ -181,6 +190,13 @@ void World::raise_alarm(const std::string& text) {
   alarm_ = text;
 }
 
+void World::slip(std::size_t axis, double by) {
+  const std::lock_guard lock(mutex_);
+  AxisValues shift = AxisValues::Zero(static_cast<Eigen::Index>(rig_.gantry.model.axes.size()));
+  shift[static_cast<Eigen::Index>(axis)] = by;
+  dynamics_.displace(shift);
+}
+
 // --- lamp
 
 Result<void> World::set_lamp(double power) {
@@ -301,7 +317,7 @@ Result<Frame> World::expose(const SceneMoment& moment, double exposure,
     const std::lock_guard lock(mutex_);
     const std::uint64_t repeat = requests_[{moment.lamp_power, exposure}]++;
     frame.id = ++frames_;
-    records_.push_back({frame.id, exposure, repeat, moment});
+    records_.push_back({frame.id, exposure, repeat, moment, 0});
     if (records_.size() > most_records) records_.pop_front();
     words.insert(words.end(), {noise_of_frame, std::bit_cast<std::uint64_t>(moment.lamp_power),
                                std::bit_cast<std::uint64_t>(exposure), take_, repeat});
@@ -310,6 +326,12 @@ Result<Frame> World::expose(const SceneMoment& moment, double exposure,
                               exposure, derive_key(seed_, words), threads_, stop);
   if (!counts) return fail(ErrorCode::stopped, "the exposure was stopped");
   frame.counts = std::move(*counts);
+  const std::lock_guard lock(mutex_);
+  for (auto record = records_.rbegin(); record != records_.rend(); ++record) {
+    if (record->frame_id != frame.id) continue;
+    record->content = content_of(frame.counts);
+    break;
+  }
   return frame;
 }
 

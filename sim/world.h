@@ -33,8 +33,12 @@ struct ExposureRecord {
   std::uint64_t frame_id = 0;
   double exposure = 0;  ///< [s]
   std::uint64_t repeat = 0;
-  SceneMoment moment;  ///< at mid-exposure
+  SceneMoment moment;         ///< at mid-exposure
+  std::uint64_t content = 0;  ///< content_of() its counts
 };
+
+/// A number that tells pictures apart: FNV-1a over the counts.
+std::uint64_t content_of(const RawImage& image);
 
 /// The simulated laboratory: object, lamp on an elastic arm on a gantry, camera. In-memory devices
 /// and the far ends of the wires are front ends to it. Commands return at once; waiting is the
@@ -83,6 +87,8 @@ class World {
   // --- accidents
   void set_interlock(const std::string& name, bool open);  ///< Opening halts the gantry.
   void raise_alarm(const std::string& text);               ///< Halts the gantry.
+  /// An axis jumps by so much [rad or m]; its encoder sees it.
+  void slip(std::size_t axis, double by);
 
   /// Of the last 65,536 frames, in order.
   std::vector<ExposureRecord> records() const;

@@ -73,6 +73,7 @@ class CaptureRun {
   Result<TakenShot> take_shot(int index);
   Result<void> take_ambient(TakenShot& shot);
   Result<std::vector<double>> meter(TakenShot& shot);
+  Result<void> still_in_place(const GantryPosition& target);
   Result<TakenFrame> take(const std::string& folder, const std::string& name,
                           const std::string& role, double exposure);
   std::string exposure_name(double exposure) const;

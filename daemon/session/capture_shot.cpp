@@ -59,8 +59,11 @@ Result<TakenShot> CaptureRun::take_shot(int index) {
     say(fmt::format("exposing {} {}/{}", folder, i + 1, exposures->size()));
     auto frame = take(folder, exposure_name((*exposures)[i]), "bracket", (*exposures)[i]);
     if (!frame) return failed(frame.error());
+    if (auto stood = still_in_place(plan.gantry); !stood) return failed(stood.error());
     shot.frames.push_back(std::move(*frame));
   }
+  // A lamp that failed on the way would make dark frames of lit ones.
+  if (auto lit = hand_.still_lit(); !lit) return failed(lit.error());
   if (auto dark = hand_.lamp_dark(); !dark) return failed(dark.error());
   const auto after = hand_.status();
   if (!after) return failed(after.error());
@@ -83,6 +86,8 @@ Result<void> CaptureRun::take_ambient(TakenShot& shot) {
     say("ambient frame of " + folder);
     auto frame = take(folder, "ambient", "ambient", offered.back());
     if (!frame) return tl::unexpected(frame.error());
+    if (auto stood = still_in_place(planned(shot.index).gantry); !stood)
+      return tl::unexpected(stood.error());
     offered.pop_back();
     if (!offered.empty() && too_long(frame->frame, t_.rig.camera.sensor)) continue;
     shot.frames.push_back(std::move(*frame));
@@ -101,6 +106,7 @@ Result<std::vector<double>> CaptureRun::meter(TakenShot& shot) {
   say("metering " + folder);
   auto frame = take(folder, "metering", "metering", exposure);
   if (!frame) return tl::unexpected(frame.error());
+  if (auto stood = still_in_place(plan.gantry); !stood) return tl::unexpected(stood.error());
   const ExposureChoice choice =
       choose_exposures(frame->frame, lit_sites(t_.rig, t_.spec, t_.prepared, plan.light),
                        plan.exposures, t_.rig.camera.sensor, t_.spec.bracket.target_snr);
@@ -109,6 +115,17 @@ Result<std::vector<double>> CaptureRun::meter(TakenShot& shot) {
   std::vector<double> remaining = choice.exposures;
   std::erase(remaining, exposure);
   return remaining;
+}
+
+/// The position is read after every exposure, and so before the next: a frame counts only between
+/// two looks that found the gantry in place.
+Result<void> CaptureRun::still_in_place(const GantryPosition& target) {
+  const auto after = hand_.status();
+  if (!after) return tl::unexpected(after.error());
+  const std::string reason = not_in_place(t_.rig.gantry.model, *after, target);
+  if (reason.empty()) return {};
+  return fail(ErrorCode::refused,
+              "verify the position after the exposure: " + reason + "; the frame was thrown away");
 }
 
 Result<TakenFrame> CaptureRun::take(const std::string& folder, const std::string& name,

@@ -37,6 +37,8 @@ class DeviceHand {
   Result<Frame> expose(double seconds);
 
   Result<void> lamp_on();  ///< at the rig's power, warmed up
+  /// That the lamp still burns as it was told, where it can be asked. Errors: timed_out.
+  Result<void> still_lit() { return see_lamp(rig_.lamp.power); }
   /// Dark, whether or not a stop was asked for; several attempts. Errors: the last attempt's.
   Result<void> lamp_dark();
   bool lamp_known_dark() const { return lamp_ == LampKnown::dark; }

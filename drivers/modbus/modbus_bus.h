@@ -44,19 +44,23 @@ class ModbusBus {
   Result<void> write(int unit, RegisterTable table, int address,
                      const std::vector<std::uint16_t>& values, bool multiple, const Until& until);
 
+  /// A register to read.
+  struct Place {
+    int unit = 0;
+    RegisterTable table = RegisterTable::holding;
+    int address = 0;
+    int count = 1;
+  };
+  /// Reads these whenever nothing was asked for so long, so that the drives' own watchdogs bark
+  /// only when this program is gone or the wire is. Set once, before anything is asked.
+  void keep_alive(std::vector<Place> places, std::chrono::milliseconds every);
+
   const std::string& name() const { return name_; }
 
  private:
   using Values = std::vector<std::uint16_t>;
   struct FreeContext {
     void operator()(_modbus* context) const;
-  };
-  /// Where and how the bus may be proved in step: what was last read with success.
-  struct Proof {
-    int unit = 0;
-    RegisterTable table = RegisterTable::holding;
-    int address = 0;
-    int count = 0;  ///< 0 = nothing read yet
   };
 
   ModbusBus(Endpoint endpoint, std::chrono::milliseconds timeout, Clock& clock);
@@ -77,8 +81,8 @@ class ModbusBus {
   std::unique_ptr<_modbus, FreeContext> context_;
   bool connected_ = false;
   bool out_of_step_ = false;
-  Proof proof_;
-  BlockingLane<Values> lane_;  // destroyed first
+  Place proof_{0, RegisterTable::holding, 0, 0};  ///< last read with success; count 0: nothing yet
+  BlockingLane<Values> lane_;                     // destroyed first
 };
 
 }  // namespace lightrig

@@ -147,25 +147,36 @@ Result<void> ModbusDriveDevice::write_block(const ProfileCommand& command, const
   return bus_.write(config_.unit, first.table, first.address, words, true, until);
 }
 
-Result<void> ModbusDriveDevice::fire(const Trigger& trigger, const Until& until) {
-  const auto put = [&](std::int64_t value) {
-    keep_gap(until);
-    return bus_.write(config_.unit, trigger.table, trigger.address,
-                      {static_cast<std::uint16_t>(value)}, false, until);
-  };
+Result<void> ModbusDriveDevice::put(const Trigger& trigger, std::int64_t value,
+                                    const Until& until) {
+  keep_gap(until);
+  return bus_.write(config_.unit, trigger.table, trigger.address,
+                    {static_cast<std::uint16_t>(value)}, false, until);
+}
+
+Result<void> ModbusDriveDevice::begin(const ProfileCommand& command, const DriveMove& move,
+                                      const Until& until) {
+  if (auto written = write_block(command, move, until); !written) return written;
+  const Trigger& trigger = command.trigger;
   if (trigger.style == TriggerStyle::implicit) return {};
   if (trigger.style == TriggerStyle::edge)
-    if (auto done = put(trigger.clear); !done) return done;
-  if (auto done = put(trigger.set); !done) return done;
-  if (trigger.style == TriggerStyle::value) return {};
-  clock_.sleep_until(clock_.now() + trigger.pulse, until.stop);
-  return put(trigger.clear);
+    if (auto done = put(trigger, trigger.clear, until); !done) return done;
+  return put(trigger, trigger.set, until);
+}
+
+Result<void> ModbusDriveDevice::end(const ProfileCommand& command, const Until& until) {
+  const TriggerStyle style = command.trigger.style;
+  if (style == TriggerStyle::implicit || style == TriggerStyle::value) return {};
+  return put(command.trigger, command.trigger.clear, until);
 }
 
 Result<void> ModbusDriveDevice::run(const ProfileCommand& command, const DriveMove& move,
                                     const Until& until) {
-  if (auto written = write_block(command, move, until); !written) return written;
-  return fire(command.trigger, until);
+  if (auto begun = begin(command, move, until); !begun) return begun;
+  if (command.trigger.style != TriggerStyle::implicit &&
+      command.trigger.style != TriggerStyle::value)
+    clock_.sleep_until(clock_.now() + command.trigger.pulse, until.stop);
+  return end(command, until);
 }
 
 // A status look reads each register once, however many bits are in it.

@@ -46,6 +46,9 @@ class ModbusDriveDevice {
   /// back.
   Result<void> prepare(const Until& until);
   Result<void> run(const ProfileCommand& command, const DriveMove& move, const Until& until);
+  /// The same in two parts: until the trigger is set, and its clearing after the pulse.
+  Result<void> begin(const ProfileCommand& command, const DriveMove& move, const Until& until);
+  Result<void> end(const ProfileCommand& command, const Until& until);
   Result<DriveStatus> status(const Until& until);
   Result<bool> bit(const StatusBit& bit, const Until& until);
   Result<void> set_output(const ProfileOutput& output, double power, const Until& until);
@@ -61,7 +64,7 @@ class ModbusDriveDevice {
   double value_of(const ProfileWrite& write, const DriveMove& move) const;
   Result<void> write_block(const ProfileCommand& command, const DriveMove& move,
                            const Until& until);
-  Result<void> fire(const Trigger& trigger, const Until& until);
+  Result<void> put(const Trigger& trigger, std::int64_t value, const Until& until);
   void keep_gap(const Until& until);
 
   const ControllerProfile& profile_;

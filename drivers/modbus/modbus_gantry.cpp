@@ -6,7 +6,9 @@
 #include <cmath>
 
 #include "drivers/backends.h"
+#include "drivers/lamp_power.h"
 #include "drivers/modbus/modbus_drive.h"
+#include "drivers/modbus/modbus_lamp.h"
 
 namespace lightrig {
 namespace {
@@ -63,11 +65,14 @@ class ModbusGantryDevice final : public Gantry {
 void ModbusGantryDevice::tell_to_stop() {
   if (!moving_) return;
   // The stop is sent to every drive, whatever becomes of the others: with a deadline of its own,
-  // after any stop request.
-  for (ModbusDriveDevice& drive : controller_->drives) {
-    const Until until{clock_.now() + farewell, {}};
-    (void)drive.run(controller_->profile.stop, {}, until);
-  }
+  // after any stop request. All drives are told before the first pulse ends.
+  const ProfileCommand& stop = controller_->profile.stop;
+  const auto told = [&] { return Until{clock_.now() + farewell, {}}; };
+  for (ModbusDriveDevice& drive : controller_->drives) (void)drive.begin(stop, {}, told());
+  if (stop.trigger.style == TriggerStyle::implicit || stop.trigger.style == TriggerStyle::value)
+    return;
+  clock_.sleep_until(clock_.now() + stop.trigger.pulse, {});
+  for (ModbusDriveDevice& drive : controller_->drives) (void)drive.end(stop, told());
 }
 
 Result<GantryStatus> ModbusGantryDevice::status(const Until& until) {
@@ -143,8 +148,12 @@ Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target,
   const DoneRule& rule = controller_->profile.done;
   const TimePoint earliest = clock_.now() + rule.minimum_delay;
   bool seen_busy = false;
+  std::string last_seen = "the drives did not come to rest in time";
   for (;;) {
     auto now = status(until);
+    // At the deadline, where the drives were last seen says more than that there is no time left.
+    if (!now && now.error().code == ErrorCode::timed_out && clock_.now() >= until.deadline)
+      return fail(ErrorCode::timed_out, last_seen);
     if (!now) return tl::unexpected(now.error());
     if (!now->alarm.empty()) return fail(ErrorCode::refused, now->alarm);
     if (!now->open_interlocks.empty())
@@ -159,14 +168,13 @@ Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target,
       return {};
     }
     if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
-    if (clock_.now() >= until.deadline)
-      return fail(
-          ErrorCode::timed_out,
-          now->at_rest && target
-              ? fmt::format("the drives rest {:.4g} (rad or m) from the target, tolerance {:.4g}",
-                            (now->position.axes - target->axes).cwiseAbs().maxCoeff(),
-                            model_.tolerance)
-              : std::string("the drives did not come to rest in time"));
+    last_seen =
+        now->at_rest && target
+            ? fmt::format("the drives rest {:.4g} (rad or m) from the target, tolerance {:.4g}",
+                          (now->position.axes - target->axes).cwiseAbs().maxCoeff(),
+                          model_.tolerance)
+            : std::string("the drives did not come to rest in time");
+    if (clock_.now() >= until.deadline) return fail(ErrorCode::timed_out, last_seen);
     clock_.sleep_until(clock_.now() + poll_interval, until.stop);
   }
 }
@@ -178,6 +186,10 @@ Result<void> ModbusGantryDevice::home(const Until& until) {
     return tl::unexpected(with_context("home", able.error()));
   homed_ = false;
   const std::vector<DriveMove> none(controller_->drives.size());
+  // A drive that restarted has forgotten its watchdog.
+  for (ModbusDriveDevice& drive : controller_->drives)
+    if (auto ready = drive.prepare(until); !ready)
+      return tl::unexpected(with_context("home, axis " + drive.axis(), ready.error()));
   if (controller_->profile.enable)
     for (ModbusDriveDevice& drive : controller_->drives)
       if (auto on = drive.run(*controller_->profile.enable, {}, until); !on)
@@ -198,7 +210,7 @@ Result<void> ModbusGantryDevice::home(const Until& until) {
 
 Result<void> ModbusGantryDevice::move_to(const GantryPosition& position, const Until& until) {
   if (!within_limits(model_, position))
-    return fail(ErrorCode::invalid_input, "the target lies outside the gantry's travel");
+    return fail(ErrorCode::refused, "the target lies outside the gantry's travel; nothing moved");
   auto before = status(until);
   if (!before)
     return tl::unexpected(with_context("read the position before the move", before.error()));
@@ -210,6 +222,12 @@ Result<void> ModbusGantryDevice::move_to(const GantryPosition& position, const U
   if (done) done = wait_for_arrival(&position, until);
   if (!done) {
     tell_to_stop();
+    // A drive that refuses a command does not say why; its status does.
+    if (done.error().code == ErrorCode::refused)
+      if (const auto now = status(until); now)
+        if (auto able = require_able_to_move(*now);
+            !able && (!now->alarm.empty() || !now->open_interlocks.empty()))
+          done = able;
     return tl::unexpected(with_context("move", done.error()));
   }
   return {};
@@ -226,10 +244,12 @@ Result<void> ModbusGantryDevice::clear_fault(const Until& until) {
 /// The lamp on a digital output of the gantry's controller (its first drive).
 class OutputLamp final : public Lamp {
  public:
-  OutputLamp(ProfileOutput output, Clock& clock, std::shared_ptr<ModbusController> controller)
-      : output_(output), clock_(clock), controller_(std::move(controller)) {}
+  OutputLamp(ProfileOutput output, double most, Clock& clock,
+             std::shared_ptr<ModbusController> controller)
+      : output_(output), most_(most), clock_(clock), controller_(std::move(controller)) {}
   ~OutputLamp() override { (void)set(0, {clock_.now() + farewell, {}}); }
   Result<void> set(double power, const Until& until) override {
+    if (auto allowed = allowed_power(power, most_); !allowed) return allowed;
     auto done = controller_->drives.front().set_output(output_, power, until);
     if (!done) return tl::unexpected(with_context("switch the lamp", done.error()));
     return {};
@@ -242,13 +262,45 @@ class OutputLamp final : public Lamp {
 
  private:
   const ProfileOutput output_;
+  const double most_;
   Clock& clock_;
   std::shared_ptr<ModbusController> controller_;
 };
 
+// A drive's watchdog is fed at a third of its time.
+void feed_watchdogs(const ModbusGantry& backend, ModbusController& controller) {
+  if (!controller.profile.watchdog) return;
+  const RegisterItem& item = controller.profile.watchdog->item;
+  std::map<std::string, std::vector<ModbusBus::Place>> places;
+  for (const ModbusDrive& drive : backend.drives)
+    places[wire_key(drive.endpoint)].push_back(
+        {drive.unit, item.table, item.address, item.registers()});
+  for (auto& [wire, units] : places)
+    controller.buses.at(wire)->keep_alive(std::move(units),
+                                          controller.profile.watchdog->timeout / 3);
+}
+
+// After a lost answer a serial line is silent for three timeouts more: a watchdog that barks
+// earlier would turn every lost answer into an alarm.
+Result<void> watchdog_outlasts_recovery(const ModbusGantry& backend) {
+  const auto& watchdog = backend.controller.watchdog;
+  const bool serial =
+      std::any_of(backend.drives.begin(), backend.drives.end(), [](const ModbusDrive& drive) {
+        return std::holds_alternative<SerialEndpoint>(drive.endpoint);
+      });
+  if (!watchdog || !serial || 4 * backend.timeout < watchdog->timeout) return {};
+  return fail(ErrorCode::invalid_input,
+              fmt::format("[gantry.modbus] timeout_ms = {} leaves no time to recover from a lost "
+                          "answer before the drives' watchdog of {} ms barks: on a serial line it "
+                          "must be below a quarter of that",
+                          backend.timeout.count(), watchdog->timeout.count()));
+}
+
 }  // namespace
 
 Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, Clock& clock) {
+  if (auto sound = watchdog_outlasts_recovery(backend); !sound)
+    return tl::unexpected(sound.error());
   auto controller = std::make_shared<ModbusController>();
   controller->profile = backend.controller;
   for (const ModbusDrive& drive : backend.drives) {
@@ -263,8 +315,18 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, C
     if (auto ready = controller->drives.back().prepare(until); !ready)
       return tl::unexpected(with_context("axis " + drive.axis, ready.error()));
   }
+  feed_watchdogs(backend, *controller);
   GantryAndLamp opened;
   opened.gantry = std::make_unique<ModbusGantryDevice>(rig, clock, controller);
+  if (const auto* unit = std::get_if<ModbusLamp>(&rig.lamp.backend)) {
+    // A lamp unit on the gantry's own wire: a serial line has one master.
+    const auto bus = controller->buses.find(wire_key(unit->endpoint));
+    if (bus == controller->buses.end()) return opened;
+    auto shared = std::shared_ptr<ModbusBus>(controller, bus->second.get());
+    auto lamp = make_modbus_lamp(rig, *unit, clock, std::move(shared));
+    if (!lamp) return tl::unexpected(lamp.error());
+    opened.lamp = std::move(*lamp);
+  }
   const auto* lamp = std::get_if<GantryLamp>(&rig.lamp.backend);
   if (!lamp) return opened;
   const auto output = controller->profile.outputs.find(lamp->output);
@@ -272,7 +334,7 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, C
     return fail(ErrorCode::invalid_input,
                 fmt::format("the controller profile {} has no output \"{}\" for the lamp",
                             controller->profile.name, lamp->output));
-  opened.lamp = std::make_unique<OutputLamp>(output->second, clock, controller);
+  opened.lamp = std::make_unique<OutputLamp>(output->second, rig.lamp.max_power, clock, controller);
   return opened;
 }
 

@@ -4,7 +4,8 @@
 #include <cmath>
 
 #include "drivers/backends.h"
-#include "drivers/modbus/modbus_bus.h"
+#include "drivers/lamp_power.h"
+#include "drivers/modbus/modbus_lamp.h"
 
 namespace lightrig {
 namespace {
@@ -13,11 +14,13 @@ constexpr std::chrono::milliseconds farewell{1000};
 
 class ModbusLampDevice final : public Lamp {
  public:
-  ModbusLampDevice(const ModbusLamp& config, Clock& clock, std::unique_ptr<ModbusBus> bus)
-      : config_(config), clock_(clock), bus_(std::move(bus)) {}
+  ModbusLampDevice(const ModbusLamp& config, double most, Clock& clock,
+                   std::shared_ptr<ModbusBus> bus)
+      : config_(config), most_(most), clock_(clock), bus_(std::move(bus)) {}
   ~ModbusLampDevice() override { (void)set(0, {clock_.now() + farewell, {}}); }
 
   Result<void> set(double power, const Until& until) override {
+    if (auto allowed = allowed_power(power, most_); !allowed) return allowed;
     const auto raw = config_.coil
                          ? static_cast<std::uint16_t>(power > 0 ? 1 : 0)
                          : static_cast<std::uint16_t>(std::lround(power * config_.full_scale));
@@ -40,20 +43,27 @@ class ModbusLampDevice final : public Lamp {
   int address() const { return config_.coil ? *config_.coil : config_.holding.value_or(0); }
 
   const ModbusLamp config_;
+  const double most_;
   Clock& clock_;
-  std::unique_ptr<ModbusBus> bus_;
+  std::shared_ptr<ModbusBus> bus_;
 };
 
 }  // namespace
 
-Result<std::unique_ptr<Lamp>> open_lamp(const Rig&, const ModbusLamp& backend, Clock& clock) {
-  auto bus = ModbusBus::open(backend.endpoint, backend.timeout, clock);
-  if (!bus) return tl::unexpected(bus.error());
-  std::unique_ptr<Lamp> lamp = std::make_unique<ModbusLampDevice>(backend, clock, std::move(*bus));
+Result<std::unique_ptr<Lamp>> make_modbus_lamp(const Rig& rig, const ModbusLamp& config,
+                                               Clock& clock, std::shared_ptr<ModbusBus> bus) {
+  std::unique_ptr<Lamp> lamp =
+      std::make_unique<ModbusLampDevice>(config, rig.lamp.max_power, clock, std::move(bus));
   // Whatever an earlier program left burning goes dark now.
-  if (auto dark = lamp->set(0, {clock.now() + 2 * backend.timeout, {}}); !dark)
+  if (auto dark = lamp->set(0, {clock.now() + 2 * config.timeout, {}}); !dark)
     return tl::unexpected(dark.error());
   return lamp;
+}
+
+Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const ModbusLamp& backend, Clock& clock) {
+  auto bus = ModbusBus::open(backend.endpoint, backend.timeout, clock);
+  if (!bus) return tl::unexpected(bus.error());
+  return make_modbus_lamp(rig, backend, clock, std::move(*bus));
 }
 
 }  // namespace lightrig

@@ -4,6 +4,8 @@
 #include <libusb-1.0/libusb.h>
 
 #include <array>
+#include <chrono>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -17,6 +19,8 @@ constexpr std::uint8_t set_line_coding = 0x20;
 constexpr std::uint8_t set_control_line_state = 0x22;
 constexpr std::uint16_t dtr_and_rts = 0x0003;
 constexpr unsigned control_timeout_ms = 1000;
+constexpr std::chrono::seconds arrival_patience{3};
+constexpr std::chrono::seconds settling_patience{1};
 
 /// ERROR, NO_DEVICE, IO and PIPE all mean that the device is gone, whatever the kernel calls it.
 ErrorCode code_of(int usb_error) {
@@ -59,7 +63,15 @@ Result<CdcAcm> CdcAcm::open(const UsbEndpoint& endpoint) {
   libusb_context* context = nullptr;
   if (const int error = libusb_init(&context); error != 0) return usb_fail("start libusb", error);
   device.context_.reset(context);
-  if (auto found = device.find(endpoint); !found) return tl::unexpected(found.error());
+  auto found = device.find(endpoint);
+  if (!found && found.error().code == ErrorCode::not_found && device.arrives(endpoint)) {
+    // Just arrived, it may not answer yet, or not be ours to open yet.
+    const auto end = std::chrono::steady_clock::now() + settling_patience;
+    for (found = device.find(endpoint); !found && std::chrono::steady_clock::now() < end;
+         found = device.find(endpoint))
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+  if (!found) return tl::unexpected(found.error());
   if (auto read = device.read_descriptors(); !read) return tl::unexpected(read.error());
   libusb_set_auto_detach_kernel_driver(device.handle_, 1);
   for (int interface : {device.control_interface_, device.data_interface_}) {
@@ -70,6 +82,32 @@ Result<CdcAcm> CdcAcm::open(const UsbEndpoint& endpoint) {
   if (auto set = device.configure_line(endpoint.baud); !set) return tl::unexpected(set.error());
   return device;
 }
+
+// True once a device of these numbers is plugged in within the patience for it.
+bool CdcAcm::arrives(const UsbEndpoint& endpoint) {
+  if (libusb_has_capability(LIBUSB_CAP_HAS_HOTPLUG) == 0) return false;
+  int arrived = 0;
+  libusb_hotplug_callback_handle callback = 0;
+  const auto on_arrival = [](libusb_context*, libusb_device*, libusb_hotplug_event, void* seen) {
+    *static_cast<int*>(seen) = 1;
+    return 1;  // once is enough
+  };
+  // Enumerating too: it may have come since the list was read.
+  const int error = libusb_hotplug_register_callback(
+      context_.get(), LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED, LIBUSB_HOTPLUG_ENUMERATE,
+      endpoint.vendor, endpoint.product, LIBUSB_HOTPLUG_MATCH_ANY, on_arrival, &arrived, &callback);
+  if (error != LIBUSB_SUCCESS) return false;
+  const auto end = std::chrono::steady_clock::now() + arrival_patience;
+  while (arrived == 0 && std::chrono::steady_clock::now() < end) {
+    timeval step{0, 100000};
+    libusb_handle_events_timeout_completed(context_.get(), &step, &arrived);
+  }
+  if (arrived == 0) libusb_hotplug_deregister_callback(context_.get(), callback);
+  return arrived != 0;
+}
+
+// A stalled endpoint stays stalled until it is told to go on; the transfer that met it is lost.
+void CdcAcm::clear_halt(std::uint8_t endpoint) { (void)libusb_clear_halt(handle_, endpoint); }
 
 Result<void> CdcAcm::find(const UsbEndpoint& endpoint) {
   libusb_device** list = nullptr;
@@ -198,7 +236,8 @@ Result<std::string> CdcAcm::read_some(std::chrono::milliseconds patience) {
   const int error = libusb_bulk_transfer(handle_, bulk_in_, buffer.data(), packet_, &got, timeout);
   if (error == 0 || error == LIBUSB_ERROR_TIMEOUT)
     return std::string(buffer.begin(), buffer.begin() + got);
-  return usb_fail(name_ + ": read", error == LIBUSB_ERROR_PIPE ? LIBUSB_ERROR_IO : error);
+  if (error == LIBUSB_ERROR_PIPE) clear_halt(bulk_in_);
+  return usb_fail(name_ + ": read", error);
 }
 
 Result<void> CdcAcm::write_all(std::string_view bytes, std::chrono::milliseconds patience) {
@@ -210,6 +249,7 @@ Result<void> CdcAcm::write_all(std::string_view bytes, std::chrono::milliseconds
         libusb_bulk_transfer(handle_, bulk_out_, reinterpret_cast<unsigned char*>(chunk.data()),
                              static_cast<int>(chunk.size()), &sent, timeout);
     bytes.remove_prefix(static_cast<std::size_t>(sent));
+    if (error == LIBUSB_ERROR_PIPE) clear_halt(bulk_out_);
     if (error != 0) return usb_fail(name_ + ": write", error);
   }
   return {};

@@ -19,8 +19,8 @@ namespace lightrig {
 /// and given back.
 class CdcAcm {
  public:
-  /// Errors: not_found (with what was seen), refused (no permission, several alike, claimed
-  /// elsewhere).
+  /// A device that is just being plugged in is waited for, a few seconds. Errors: not_found (with
+  /// what was seen), refused (no permission, several alike, claimed elsewhere).
   static Result<CdcAcm> open(const UsbEndpoint& endpoint);
   CdcAcm(CdcAcm&&) noexcept;
   CdcAcm& operator=(CdcAcm&&) noexcept;
@@ -36,6 +36,8 @@ class CdcAcm {
   };
   CdcAcm() = default;
   Result<void> find(const UsbEndpoint& endpoint);
+  bool arrives(const UsbEndpoint& endpoint);
+  void clear_halt(std::uint8_t endpoint);
   Result<void> read_descriptors();
   Result<void> configure_line(int baud);
   void give_back();

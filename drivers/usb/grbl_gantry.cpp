@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "drivers/lamp_power.h"
+
 namespace lightrig {
 namespace {
 
@@ -90,7 +92,8 @@ Result<GantryStatus> GrblGantryDevice::status(const Until& until) {
     homed_ = false;
     const int number = controller_->link.alarm();
     const std::string meaning = grbl::alarm_text(number);
-    status.alarm = number == 0 ? "locked: home first" : fmt::format("ALARM:{} {}", number, meaning);
+    // Locked without an alarm is how it starts: not homed, and no more than that.
+    if (number != 0) status.alarm = fmt::format("ALARM:{} {}", number, meaning);
   }
   status.homed = homed_;
   status.at_rest = report->state == "Idle" || report->state == "Alarm" ||
@@ -115,8 +118,15 @@ Result<void> GrblGantryDevice::home(const Until& until) {
   }
   for (const char* mode : {"G21", "G90", "G94"})
     if (auto set = controller_->link.command(mode, until); !set) return set;
+  // Every later position hangs on this one, and GRBL's lines have no checksum: a digit damaged on
+  // the way would move them all. Two reports must agree.
   auto report = controller_->link.status(until);
   if (!report) return tl::unexpected(with_context("home", report.error()));
+  const auto again = controller_->link.status(until);
+  if (!again) return tl::unexpected(with_context("home", again.error()));
+  if (*report->machine_position != *again->machine_position)
+    return fail(ErrorCode::timed_out,
+                "home: two status reports at rest disagree; check the cable and its shield");
   zero_.setZero();
   const GantryPosition machine = position_of(*report);
   for (Eigen::Index i = 0; i < zero_.size(); ++i)
@@ -146,7 +156,7 @@ std::string GrblGantryDevice::move_command(const GantryPosition& from,
 
 Result<void> GrblGantryDevice::move_to(const GantryPosition& position, const Until& until) {
   if (!within_limits(model_, position))
-    return fail(ErrorCode::invalid_input, "the target lies outside the gantry's travel");
+    return fail(ErrorCode::refused, "the target lies outside the gantry's travel; nothing moved");
   if (auto settled = settle_stop(until); !settled) return settled;
   auto before = status(until);
   if (!before)
@@ -210,9 +220,14 @@ std::string GrblLampDevice::command_for(double power) const {
 }
 
 Result<void> GrblLampDevice::set(double power, const Until& until) {
+  if (auto allowed = allowed_power(power, most_); !allowed) return allowed;
   const std::string command = command_for(power);
-  if (auto done = controller_->link.command(command, until); !done)
-    return tl::unexpected(with_context("switch the lamp", done.error()));
+  auto done = controller_->link.command(command, until);
+  // Locked (before homing, after an alarm) the controller takes no G-code, not even to switch off;
+  // a reset switches every output off, and locked axes are at rest.
+  if (!done && power == 0 && done.error().code == ErrorCode::refused)
+    done = controller_->link.reset(until);
+  if (!done) return tl::unexpected(with_context("switch the lamp", done.error()));
   power_ = power;
   return {};
 }

@@ -46,9 +46,9 @@ class GrblGantryDevice final : public Gantry {
 /// The lamp on the controller's spindle or coolant output.
 class GrblLampDevice final : public Lamp {
  public:
-  GrblLampDevice(const GantryLamp& backend, Clock& clock,
+  GrblLampDevice(const GantryLamp& backend, double most, Clock& clock,
                  std::shared_ptr<GrblController> controller)
-      : backend_(backend), clock_(clock), controller_(std::move(controller)) {}
+      : backend_(backend), most_(most), clock_(clock), controller_(std::move(controller)) {}
   ~GrblLampDevice() override;
   Result<void> set(double power, const Until& until) override;
   Result<LampState> state(const Until& until) override;
@@ -57,6 +57,7 @@ class GrblLampDevice final : public Lamp {
   std::string command_for(double power) const;
 
   const GantryLamp backend_;
+  const double most_;
   Clock& clock_;
   std::shared_ptr<GrblController> controller_;
   double power_ = 0;

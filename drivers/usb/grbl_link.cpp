@@ -10,6 +10,8 @@ using namespace std::chrono_literals;
 constexpr char soft_reset = 0x18;
 constexpr std::chrono::milliseconds read_step{5};
 constexpr std::chrono::milliseconds write_patience{250};
+/// A report later than this after the question was given up is beyond what a link can repair.
+constexpr std::chrono::milliseconds quiet_after_silence{100};
 
 std::string with_meaning(const std::string& line, const std::string& meaning) {
   return meaning.empty() ? line : fmt::format("{} ({})", line, meaning);
@@ -60,7 +62,40 @@ Result<std::optional<grbl::Line>> GrblLink::next_line(const Until& until) {
   }
 }
 
+// Reports and oks carry no number: what came unasked, late or twice is thrown away before the next
+// question, so that it can never be taken for its answer. Alarms in it are remembered.
+Result<void> GrblLink::forget_what_came(std::chrono::milliseconds quiet) {
+  using std::chrono::steady_clock;
+  bool restarted = false;
+  auto quiet_until = steady_clock::now() + quiet;
+  for (;;) {
+    while (auto text = lines_.next()) {
+      const grbl::Line line = grbl::parse_line(*text);
+      if (line.kind == grbl::Line::Kind::alarm) alarm_ = line.number;
+      restarted = restarted || line.kind == grbl::Line::Kind::banner;
+    }
+    const auto patience = quiet.count() > 0 ? read_step : std::chrono::milliseconds(0);
+    auto bytes = std::visit([&](auto& wire) { return wire.read_some(patience); }, wire_);
+    if (!bytes) return tl::unexpected(bytes.error());
+    lines_.add(*bytes);
+    if (!bytes->empty()) quiet_until = steady_clock::now() + quiet;
+    if (bytes->empty() && steady_clock::now() >= quiet_until) break;
+  }
+  lines_.clear();
+  if (!restarted) return {};
+  in_step_ = true;  // whatever was owed is void
+  return fail(ErrorCode::disconnected, "the controller restarted");
+}
+
 Result<void> GrblLink::command(const std::string& text, const Until& until) {
+  // An answer still owed would be taken for this command's: only a reset makes it void.
+  if (!in_step_)
+    if (auto reset_done = reset(until); !reset_done) return reset_done;
+  if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
+  if (clock_->now() >= until.deadline)
+    return fail(ErrorCode::timed_out, fmt::format("\"{}\": no time left to send it", text));
+  if (auto clean = forget_what_came({}); !clean) return clean;
+  in_step_ = false;
   if (auto sent = send(text + "\n"); !sent) return sent;
   for (;;) {
     auto line = next_line(until);
@@ -81,6 +116,7 @@ Result<void> GrblLink::command(const std::string& text, const Until& until) {
                     fmt::format("\"{}\": {}", text,
                                 with_meaning((*line)->text, grbl::alarm_text((*line)->number))));
       case grbl::Line::Kind::banner:
+        in_step_ = true;  // whatever was owed is void
         return fail(ErrorCode::disconnected,
                     fmt::format("\"{}\": the controller restarted instead of answering", text));
       default:
@@ -90,6 +126,12 @@ Result<void> GrblLink::command(const std::string& text, const Until& until) {
 }
 
 Result<grbl::StatusReport> GrblLink::status(const Until& until) {
+  if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
+  if (clock_->now() >= until.deadline)
+    return fail(ErrorCode::timed_out, "no time left to ask for a status report");
+  const auto quiet = report_owed_ ? quiet_after_silence : std::chrono::milliseconds(0);
+  if (auto clean = forget_what_came(quiet); !clean) return tl::unexpected(clean.error());
+  report_owed_ = true;
   if (auto sent = realtime('?'); !sent) return tl::unexpected(sent.error());
   for (;;) {
     auto line = next_line(until);
@@ -107,7 +149,10 @@ Result<grbl::StatusReport> GrblLink::status(const Until& until) {
       for (std::size_t i = 0; i < work_offset_.size(); ++i)
         (*report->machine_position)[i] += work_offset_[i];
     }
-    if (report->machine_position) return *report;
+    if (report->machine_position) {
+      report_owed_ = false;
+      return *report;
+    }
     // Work positions without their offset yet: it comes with one of the next reports.
     if (auto sent = realtime('?'); !sent) return tl::unexpected(sent.error());
   }

@@ -40,6 +40,7 @@ class GrblLink {
   using Wire = std::variant<CdcAcm, SerialPort>;
   GrblLink(Wire wire, Clock& clock) : wire_(std::move(wire)), clock_(&clock) {}
   Result<std::optional<grbl::Line>> next_line(const Until& until);
+  Result<void> forget_what_came(std::chrono::milliseconds quiet);
   Result<void> send(std::string_view bytes);
 
   Wire wire_;
@@ -47,6 +48,7 @@ class GrblLink {
   grbl::LineAssembler lines_;
   std::vector<double> work_offset_;
   int alarm_ = 0;
+  bool report_owed_ = false;  ///< a status report was asked for and never came
   bool in_step_ =
       true;  ///< false while an answer is owed: GRBL's answers carry no number to tell them apart
 };

@@ -42,6 +42,7 @@ class LineAssembler {
  public:
   void add(std::string_view bytes);
   std::optional<std::string> next();
+  void clear() { pending_.clear(); }
 
  private:
   std::string pending_;

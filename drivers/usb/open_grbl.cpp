@@ -36,6 +36,10 @@ Result<void> check_settings(const Rig& rig, const GrblGantry& backend,
     return fail(ErrorCode::refused,
                 "laser mode is on ($32=1): the lamp would go dark whenever the gantry rests; "
                 "set $32=0");
+  if (lamp && lamp->output == "spindle" && !(setting(30) > 0))
+    return fail(ErrorCode::refused,
+                "the controller's full spindle speed is 0 ($30=0), so the lamp's power means "
+                "nothing: set $30=1000");
   if (lamp && lamp->output != "spindle" && lamp->output != "flood" && lamp->output != "mist")
     return fail(ErrorCode::invalid_input,
                 fmt::format("a GRBL controller has no output \"{}\": spindle, flood or mist",
@@ -58,7 +62,7 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const GrblGantry& backend, Clo
   GantryAndLamp opened;
   opened.gantry = std::make_unique<GrblGantryDevice>(rig, backend, clock, controller);
   if (const auto* lamp = std::get_if<GantryLamp>(&rig.lamp.backend))
-    opened.lamp = std::make_unique<GrblLampDevice>(*lamp, clock, controller);
+    opened.lamp = std::make_unique<GrblLampDevice>(*lamp, rig.lamp.max_power, clock, controller);
   return opened;
 }
 

@@ -52,7 +52,7 @@ Result<std::vector<HostedWire>> host_wire(const Rig& rig, const AravisCamera& ba
   auto camera = GvCamera::open(body, std::move(sensor), scene.clock(), std::move(faults));
   if (!camera) return tl::unexpected(with_context("simulate the camera", camera.error()));
   std::shared_ptr<GvCamera> shared = std::move(*camera);
-  return std::vector<HostedWire>{{"camera", body.address, shared}};
+  return std::vector<HostedWire>{{"camera", body.address, shared, {}, {}}};
 }
 
 }  // namespace lightrig::sim

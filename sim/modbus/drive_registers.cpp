@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 namespace lightrig::sim {
 namespace {
@@ -45,6 +46,55 @@ DriveRegisters::DriveRegisters(const ModbusGantry& backend, std::size_t axis,
       words_[{profile_.known->item.table, profile_.known->item.address + word}] =
           word_of(profile_.known->item, profile_.known->value, word);
   }
+  factory_ = words_;
+  heard_ = world_->clock().now();
+}
+
+void DriveRegisters::heard() { heard_ = world_->clock().now(); }
+
+bool DriveRegisters::carries_lamp() const {
+  const auto* lamp = std::get_if<GantryLamp>(&world_->rig().lamp.backend);
+  return axis_ == 0 && lamp != nullptr;
+}
+
+void DriveRegisters::tick() {
+  if (!profile_.watchdog) return;
+  const RegisterItem& item = profile_.watchdog->item;
+  std::uint32_t raw = stored(item, 0);
+  if (item.registers() == 2) {
+    const int high = item.order == WordOrder::high_first ? 0 : 1;
+    raw = (std::uint32_t{stored(item, high)} << 16) | stored(item, 1 - high);
+  }
+  const double seconds = (raw - item.offset) / item.scale;
+  if (raw == 0 || !(seconds > 0)) return;
+  const double silent = std::chrono::duration<double>(world_->clock().now() - heard_).count();
+  if (silent < seconds || !world_->gantry_status().alarm.empty()) return;
+  if (carries_lamp()) {
+    static_cast<void>(world_->set_lamp(0));
+    for (const auto& [name, output] : profile_.outputs)
+      words_[{output.table, output.address}] = static_cast<std::uint16_t>(output.off);
+  }
+  world_->raise_alarm("communication watchdog");
+}
+
+void DriveRegisters::reboot() {
+  words_ = factory_;
+  enabled_ = !profile_.enable;
+  heard_ = world_->clock().now();
+  if (carries_lamp()) static_cast<void>(world_->set_lamp(0));
+  world_->lose_position();
+}
+
+// The number whose text the alarm is; for an alarm given by number, that; else the first there is.
+std::uint16_t DriveRegisters::alarm_code(const std::string& alarm) const {
+  if (alarm.starts_with("code "))
+    if (const int code = std::atoi(alarm.c_str() + 5); code > 0)
+      return static_cast<std::uint16_t>(code);
+  for (const auto& [code, text] : profile_.alarm_texts)
+    if (text == alarm) return static_cast<std::uint16_t>(code);
+  return profile_.alarm_texts.empty()
+             ? std::uint16_t{1}
+             : static_cast<std::uint16_t>(profile_.alarm_texts.begin()->first);
 }
 
 void DriveRegisters::declare(const RegisterItem& item) {
@@ -88,12 +138,20 @@ std::optional<std::uint16_t> DriveRegisters::live(RegisterTable table, int addre
   if (table == position.table && address >= position.address &&
       address < position.address + position.registers())
     return word_of(position, raw_position(), address - position.address);
+  if (const auto* lamp = std::get_if<GantryLamp>(&world_->rig().lamp.backend)) {
+    // The lamp's output shows what the lamp does: one that failed or was cut off reads dark.
+    const auto output = profile_.outputs.find(lamp->output);
+    if (output != profile_.outputs.end() && output->second.table == table &&
+        output->second.address == address)
+      return static_cast<std::uint16_t>(std::lround(
+          output->second.off + world_->lamp_power() * (output->second.on - output->second.off)));
+  }
   const GantryStatus status = world_->gantry_status();
   if (profile_.alarm_code && table == profile_.alarm_code->table &&
-      address == profile_.alarm_code->address)
-    return static_cast<std::uint16_t>(status.alarm.empty() || profile_.alarm_texts.empty()
-                                          ? 0
-                                          : profile_.alarm_texts.begin()->first);
+      address >= profile_.alarm_code->address &&
+      address < profile_.alarm_code->address + profile_.alarm_code->registers())
+    return word_of(*profile_.alarm_code, status.alarm.empty() ? 0 : alarm_code(status.alarm),
+                   address - profile_.alarm_code->address);
   const Key key{table, address};
   std::uint16_t word = 0;
   const bool alarm = !status.alarm.empty();

@@ -7,26 +7,25 @@
 #include <utility>
 
 #include "config/rig.h"
+#include "sim/modbus/modbus_unit.h"
 #include "sim/world.h"
 
 namespace lightrig::sim {
 
-/// Why a request is answered by an exception [Modbus Application Protocol 1.1b3, 7].
-enum class ModbusException : std::uint8_t {
-  illegal_address = 2,
-  illegal_value = 3,
-  device_failure = 4
-};
-
 /// The inside of one drive: the registers its profile describes, moving one axis of the world. What
 /// the profile does not name does not exist. No wire, no thread.
-class DriveRegisters {
+class DriveRegisters final : public ModbusUnit {
  public:
   DriveRegisters(const ModbusGantry& backend, std::size_t axis, std::shared_ptr<World> world);
 
-  std::optional<std::uint16_t> read(RegisterTable table, int address) const;
-  /// Obeys a write, and whatever it triggers.
-  std::optional<ModbusException> write(RegisterTable table, int address, std::uint16_t value);
+  std::optional<std::uint16_t> read(RegisterTable table, int address) const override;
+  std::optional<ModbusException> write(RegisterTable table, int address,
+                                       std::uint16_t value) override;
+  void heard() override;
+  /// The drive's own watchdog, once written: silence for so long raises an alarm, halts, and
+  /// switches the outputs off.
+  void tick() override;
+  void reboot() override;
 
  private:
   using Key = std::pair<RegisterTable, int>;
@@ -39,6 +38,8 @@ class DriveRegisters {
   std::optional<ModbusException> obey(const Key& key, std::uint16_t before, std::uint16_t now);
   std::optional<ModbusException> start_move();
   std::int64_t raw_position() const;
+  std::uint16_t alarm_code(const std::string& alarm) const;
+  bool carries_lamp() const;
   std::optional<std::uint16_t> live(RegisterTable table, int address) const;
   void show(std::uint16_t& word, const std::optional<StatusBit>& bit, const Key& key,
             bool standing) const;
@@ -49,7 +50,9 @@ class DriveRegisters {
   const std::size_t axis_;
   std::shared_ptr<World> world_;
   std::map<Key, std::uint16_t> words_;
+  std::map<Key, std::uint16_t> factory_;  ///< words_ at power-on
   bool enabled_ = false;
+  TimePoint heard_;
 };
 
 }  // namespace lightrig::sim

@@ -34,8 +34,7 @@ std::optional<RegisterTable> table_of(std::uint8_t function) {
   }
 }
 
-Bytes answer_read(DriveRegisters& unit, RegisterTable table,
-                  std::span<const std::uint8_t> request) {
+Bytes answer_read(ModbusUnit& unit, RegisterTable table, std::span<const std::uint8_t> request) {
   const bool bits = table == RegisterTable::coil || table == RegisterTable::discrete;
   const int address = word_at(request, 1);
   const int count = word_at(request, 3);
@@ -57,7 +56,7 @@ Bytes answer_read(DriveRegisters& unit, RegisterTable table,
   return answer;
 }
 
-Bytes answer_write_one(DriveRegisters& unit, RegisterTable table,
+Bytes answer_write_one(ModbusUnit& unit, RegisterTable table,
                        std::span<const std::uint8_t> request) {
   int value = word_at(request, 3);
   if (table == RegisterTable::coil) {
@@ -69,7 +68,7 @@ Bytes answer_write_one(DriveRegisters& unit, RegisterTable table,
   return {request.begin(), request.end()};
 }
 
-Bytes answer_write_many(DriveRegisters& unit, RegisterTable table,
+Bytes answer_write_many(ModbusUnit& unit, RegisterTable table,
                         std::span<const std::uint8_t> request) {
   const bool bits = table == RegisterTable::coil;
   const int address = word_at(request, 1);
@@ -92,7 +91,7 @@ Bytes answer_write_many(DriveRegisters& unit, RegisterTable table,
 
 }  // namespace
 
-Bytes answer_pdu(DriveRegisters& unit, std::span<const std::uint8_t> request) {
+Bytes answer_pdu(ModbusUnit& unit, std::span<const std::uint8_t> request) {
   if (request.empty()) return {};
   const auto table = table_of(request[0]);
   if (!table) return exception(request[0], illegal_function);

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "sim/modbus/drive_registers.h"
+#include "sim/modbus/modbus_unit.h"
 
 namespace lightrig::sim {
 
@@ -15,7 +15,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 /// The answer of a unit to one request, both without framing (function code and what follows)
 /// [Modbus Application Protocol 1.1b3]: functions 01–06, 0F, 10; anything else is exception 1.
-Bytes answer_pdu(DriveRegisters& unit, std::span<const std::uint8_t> request);
+Bytes answer_pdu(ModbusUnit& unit, std::span<const std::uint8_t> request);
 
 /// CRC-16/MODBUS, low byte first on the wire.
 std::uint16_t crc16(std::span<const std::uint8_t> bytes);

@@ -11,20 +11,24 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
 
-#include "sim/hosted_wire.h"
-#include "sim/modbus/modbus_pdu.h"
+#include "sim/modbus/spoiled_answer.h"
 
 namespace lightrig::sim {
 namespace {
 
-constexpr int poll_ms = 20;
+using std::chrono::steady_clock;
+
+constexpr int poll_ms = 5;
+constexpr auto frame_silence = std::chrono::milliseconds(50);  ///< ends an RTU frame never whole
 constexpr std::size_t mbap_bytes = 7;
 constexpr std::size_t most_clients = 8;
+constexpr std::uint8_t no_such_unit = 0x0b;  ///< gateway: target device failed to respond
 
 tl::unexpected<Error> refused(const std::string& doing) {
   return fail(ErrorCode::refused, fmt::format("{}: {}", doing, std::strerror(errno)));
@@ -32,8 +36,11 @@ tl::unexpected<Error> refused(const std::string& doing) {
 
 }  // namespace
 
-Result<std::unique_ptr<ModbusServer>> ModbusServer::open(const Endpoint& endpoint, Units units) {
-  auto server = std::unique_ptr<ModbusServer>(new ModbusServer(std::move(units)));
+Result<std::unique_ptr<ModbusServer>> ModbusServer::open(const Endpoint& endpoint, Units units,
+                                                         std::shared_ptr<WireFaults> faults,
+                                                         Wire wire) {
+  auto server = std::unique_ptr<ModbusServer>(
+      new ModbusServer(endpoint, std::move(units), std::move(faults), wire));
   ModbusServer* raw = server.get();
   if (const auto* tcp = std::get_if<TcpEndpoint>(&endpoint)) {
     if (auto open = server->listen(*tcp); !open) return tl::unexpected(open.error());
@@ -51,9 +58,9 @@ ModbusServer::~ModbusServer() {
     thread_.request_stop();
     thread_.join();
   }
-  for (int descriptor : {listener_, master_, slave_})
-    if (descriptor >= 0) close(descriptor);
-  if (!link_.empty()) std::filesystem::remove(link_);
+  for (const Client& client : clients_) close(client.descriptor);
+  if (listener_ >= 0) close(listener_);
+  close_pty();
 }
 
 Result<void> ModbusServer::listen(const TcpEndpoint& endpoint) {
@@ -96,144 +103,229 @@ Result<void> ModbusServer::open_pty(const SerialEndpoint& endpoint) {
   return {};
 }
 
+void ModbusServer::close_pty() {
+  for (int* descriptor : {&master_, &slave_}) {
+    if (*descriptor >= 0) close(*descriptor);
+    *descriptor = -1;
+  }
+  std::error_code ignored;
+  if (!link_.empty()) std::filesystem::remove(link_, ignored);
+  link_.clear();
+}
+
+Bytes ModbusServer::framed(const Bytes& head, const Bytes& pdu) const {
+  Bytes answer = head;
+  answer.insert(answer.end(), pdu.begin(), pdu.end());
+  if (is_tcp()) {
+    const std::size_t length = answer.size() - 6;
+    answer[4] = static_cast<std::uint8_t>(length >> 8);
+    answer[5] = static_cast<std::uint8_t>(length & 0xff);
+  } else {
+    const std::uint16_t crc = crc16(answer);
+    answer.push_back(static_cast<std::uint8_t>(crc & 0xff));
+    answer.push_back(static_cast<std::uint8_t>(crc >> 8));
+  }
+  return answer;
+}
+
+// One sound request: obeyed, answered, or spoiled as a fault says. False when the connection is to
+// be closed.
+bool ModbusServer::serve(std::uint64_t client, std::uint8_t unit, const Bytes& head,
+                         std::span<const std::uint8_t> pdu) {
+  const auto found = units_.find(unit);
+  if (found == units_.end()) {
+    // On a serial line nobody answers for a unit that is not there; a TCP gateway says so.
+    if (is_tcp())
+      outbox_.push_back({steady_clock::now(), client,
+                         framed(head, {static_cast<std::uint8_t>(pdu[0] | 0x80), no_such_unit})});
+    return true;
+  }
+  const auto fault = faults_ ? faults_->on_request(wire_) : std::nullopt;
+  if (steady_clock::now() < silent_until_) return true;
+  found->second->heard();
+  if (fault && fault->effect == WireEffect::silence) return true;
+  Bytes answer;
+  if (fault && fault->effect == WireEffect::exception) {
+    const int code = fault->code > 0 ? fault->code : 4;
+    answer = {static_cast<std::uint8_t>(pdu[0] | 0x80), static_cast<std::uint8_t>(code)};
+  } else {
+    answer = answer_pdu(*found->second, pdu);
+  }
+  const Bytes whole = framed(head, answer);
+  const auto now = steady_clock::now();
+  if (!fault) {
+    outbox_.push_back({now, client, whole});
+    return true;
+  }
+  for (LateBytes& late : spoiled(whole, *fault, is_tcp()))
+    outbox_.push_back({now + late.delay, client, std::move(late.bytes)});
+  return fault->effect != WireEffect::closed;
+}
+
 // One whole request at a time; false when the client is to be dropped.
-bool ModbusServer::answer_tcp(int client, Bytes& pending) {
+bool ModbusServer::answer_tcp(Client& client) {
+  Bytes& pending = client.pending;
   while (pending.size() >= mbap_bytes) {
     const std::size_t length = static_cast<std::size_t>((pending[4] << 8) | pending[5]);
     if (pending[2] != 0 || pending[3] != 0 || length < 2 || length > 254) return false;
     if (pending.size() < 6 + length) return true;
-    const auto unit = units_.find(pending[6]);
-    Bytes answer(pending.begin(), pending.begin() + 7);
-    if (unit == units_.end()) {
-      answer.insert(answer.end(),
-                    {static_cast<std::uint8_t>(pending[7] | 0x80), 0x0b});  // gateway: no such unit
-    } else {
-      const Bytes pdu = answer_pdu(*unit->second, std::span(pending).subspan(7, length - 1));
-      answer.insert(answer.end(), pdu.begin(), pdu.end());
-    }
-    const std::size_t answered = answer.size() - 6;
-    answer[4] = static_cast<std::uint8_t>(answered >> 8);
-    answer[5] = static_cast<std::uint8_t>(answered & 0xff);
-    if (send(client, answer.data(), answer.size(), MSG_NOSIGNAL) < 0) return false;
+    const Bytes request(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(6 + length));
     pending.erase(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(6 + length));
+    const Bytes head(request.begin(), request.begin() + mbap_bytes);
+    if (!serve(client.number, request[6], head, std::span(request).subspan(mbap_bytes)))
+      return false;
+    send_due();
   }
   return true;
 }
 
-void ModbusServer::serve_tcp(const std::stop_token& stop) {
-  struct Client {
-    int descriptor;
-    Bytes pending;
-  };
-  std::vector<Client> clients;
-  while (!stop.stop_requested()) {
-    std::vector<pollfd> watch{{listener_, POLLIN, 0}};
-    for (const Client& client : clients) watch.push_back({client.descriptor, POLLIN, 0});
-    if (poll(watch.data(), watch.size(), poll_ms) <= 0) continue;
-    for (std::size_t i = clients.size(); i-- > 0;) {
-      if (watch[i + 1].revents == 0) continue;
-      std::array<std::uint8_t, 1024> buffer{};
-      const ssize_t got = recv(clients[i].descriptor, buffer.data(), buffer.size(), 0);
-      bool keep = got > 0;
-      if (keep) {
-        clients[i].pending.insert(clients[i].pending.end(), buffer.begin(), buffer.begin() + got);
-        keep = answer_tcp(clients[i].descriptor, clients[i].pending);
-      }
-      if (keep) continue;
-      close(clients[i].descriptor);
-      clients.erase(clients.begin() + static_cast<std::ptrdiff_t>(i));
-    }
-    if (watch[0].revents == 0) continue;
-    const int accepted = accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
-    if (accepted < 0) continue;
-    if (clients.size() >= most_clients) {
-      close(accepted);
+void ModbusServer::drop(std::uint64_t number) {
+  for (const Client& client : clients_)
+    if (client.number == number) close(client.descriptor);
+  std::erase_if(clients_, [&](const Client& client) { return client.number == number; });
+  std::erase_if(outbox_, [&](const Outgoing& one) { return one.client == number; });
+}
+
+void ModbusServer::transmit(const Outgoing& outgoing) {
+  if (outgoing.client == 0) {
+    if (master_ >= 0 && write(master_, outgoing.bytes.data(), outgoing.bytes.size()) < 0)
+      return;  // nobody reads the pty: a serial line loses what nobody takes
+    return;
+  }
+  for (const Client& client : clients_)
+    if (client.number == outgoing.client &&
+        send(client.descriptor, outgoing.bytes.data(), outgoing.bytes.size(), MSG_NOSIGNAL) < 0)
+      return;  // it is gone; the next poll says so
+}
+
+void ModbusServer::send_due() {
+  const auto now = steady_clock::now();
+  for (auto one = outbox_.begin(); one != outbox_.end();) {
+    if (one->time > now) {
+      ++one;
       continue;
     }
-    const int on = 1;
-    setsockopt(accepted, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-    clients.push_back({accepted, {}});
+    transmit(*one);
+    one = outbox_.erase(one);
   }
-  for (const Client& client : clients) close(client.descriptor);
+}
+
+// What strikes the wire itself, and the drives' own sense of time.
+void ModbusServer::tick() {
+  const auto fault = faults_ ? faults_->tick(wire_) : std::nullopt;
+  const auto now = steady_clock::now();
+  if (fault && fault->effect == WireEffect::reboot) {
+    for (auto& [number, unit] : units_) unit->reboot();
+    silent_until_ = now + fault->duration;
+    outbox_.clear();
+  }
+  if (fault && fault->effect == WireEffect::half_open)
+    for (Client& client : clients_) client.deaf = true;
+  if (fault && fault->effect == WireEffect::unplug) {
+    gone_until_ = now + fault->duration;
+    outbox_.clear();
+    if (!is_tcp()) close_pty();
+    while (!clients_.empty()) drop(clients_.front().number);
+  }
+  if (!is_tcp() && master_ < 0 && now >= gone_until_)
+    (void)open_pty(std::get<SerialEndpoint>(endpoint_));  // else tried again at the next tick
+  for (auto& [number, unit] : units_) unit->tick();
+  send_due();
+}
+
+void ModbusServer::hear(std::uint64_t number) {
+  const auto client = std::find_if(clients_.begin(), clients_.end(),
+                                   [&](const Client& one) { return one.number == number; });
+  if (client == clients_.end()) return;
+  std::array<std::uint8_t, 1024> buffer{};
+  const ssize_t got = recv(client->descriptor, buffer.data(), buffer.size(), 0);
+  if (got > 0 && client->deaf) return;
+  if (got > 0) {
+    client->pending.insert(client->pending.end(), buffer.begin(), buffer.begin() + got);
+    if (answer_tcp(*client)) return;
+  }
+  drop(number);
+}
+
+void ModbusServer::accept_client() {
+  const int accepted = accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
+  if (accepted < 0) return;
+  if (clients_.size() >= most_clients || steady_clock::now() < gone_until_) {
+    close(accepted);
+    return;
+  }
+  const int on = 1;
+  setsockopt(accepted, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+  clients_.push_back({accepted, next_client_++, {}, false});
+}
+
+void ModbusServer::serve_tcp(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    std::vector<pollfd> watch{{listener_, POLLIN, 0}};
+    std::vector<std::uint64_t> numbers;
+    for (const Client& client : clients_) {
+      watch.push_back({client.descriptor, POLLIN, 0});
+      numbers.push_back(client.number);
+    }
+    const int ready = poll(watch.data(), watch.size(), poll_ms);
+    tick();
+    if (ready <= 0) continue;
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+      if (watch[i + 1].revents != 0) hear(numbers[i]);
+    if (watch[0].revents != 0) accept_client();
+    send_due();
+  }
 }
 
 void ModbusServer::answer_rtu(Bytes& pending) {
   for (;;) {
     const auto length = rtu_request_length(pending);
     if (!length) return;
-    if (*length == 0) {
-      pending.clear();  // no request: wait for silence, as a drive does
-      return;
-    }
+    if (*length == 0) return;  // an unknown function: only silence tells where it ends
     if (pending.size() < *length) return;
-    const std::span<const std::uint8_t> request(pending.data(), *length - 2);
-    const std::uint16_t crc = crc16(request);
-    const bool sound = pending[*length - 2] == (crc & 0xff) && pending[*length - 1] == (crc >> 8);
-    const auto unit = units_.find(pending[0]);
-    if (sound && unit != units_.end()) {
-      Bytes answer{pending[0]};
-      const Bytes pdu = answer_pdu(*unit->second, request.subspan(1));
-      answer.insert(answer.end(), pdu.begin(), pdu.end());
-      const std::uint16_t check = crc16(answer);
-      answer.push_back(static_cast<std::uint8_t>(check & 0xff));
-      answer.push_back(static_cast<std::uint8_t>(check >> 8));
-      if (write(master_, answer.data(), answer.size()) < 0) return;
-    }
-    if (!sound) {
+    const Bytes request(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(*length));
+    const std::uint16_t crc = crc16(std::span(request).first(*length - 2));
+    if (request[*length - 2] != (crc & 0xff) || request[*length - 1] != (crc >> 8)) {
       pending.clear();
       return;
     }
     pending.erase(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(*length));
+    serve(0, request[0], {request[0]}, std::span(request).subspan(1, *length - 3));
+    send_due();
   }
+}
+
+// A frame that silence ended: a function we do not know is refused; what is no frame is forgotten.
+void ModbusServer::end_frame(Bytes& pending) {
+  const Bytes frame = std::exchange(pending, {});
+  if (frame.size() < 4 || rtu_request_length(frame) != std::size_t{0}) return;
+  const std::uint16_t crc = crc16(std::span(frame).first(frame.size() - 2));
+  if (frame[frame.size() - 2] != (crc & 0xff) || frame[frame.size() - 1] != (crc >> 8)) return;
+  serve(0, frame[0], {frame[0]}, std::span(frame).subspan(1, frame.size() - 3));
+  send_due();
 }
 
 void ModbusServer::serve_rtu(const std::stop_token& stop) {
   Bytes pending;
+  auto last_byte = steady_clock::now();
   while (!stop.stop_requested()) {
     pollfd watch{master_, POLLIN, 0};
-    if (poll(&watch, 1, poll_ms) <= 0) {
-      pending.clear();  // silence ends a frame that never became whole
-      continue;
-    }
+    const int ready = master_ >= 0 ? poll(&watch, 1, poll_ms) : 0;
+    if (master_ < 0) std::this_thread::sleep_for(std::chrono::milliseconds(poll_ms));
+    tick();
+    const auto now = steady_clock::now();
+    if (!pending.empty() && now - last_byte > frame_silence) end_frame(pending);
+    if (ready <= 0 || master_ < 0) continue;
     std::array<std::uint8_t, 512> buffer{};
     const ssize_t got = read(master_, buffer.data(), buffer.size());
     if (got <= 0) {
       std::this_thread::sleep_for(std::chrono::milliseconds(poll_ms));
       continue;
     }
+    last_byte = now;
     pending.insert(pending.end(), buffer.begin(), buffer.begin() + got);
     answer_rtu(pending);
   }
-}
-
-Result<std::vector<HostedWire>> host_wire(const Rig&, const ModbusGantry& backend,
-                                          std::shared_ptr<World> world) {
-  std::vector<HostedWire> hosted;
-  std::vector<bool> done(backend.drives.size(), false);
-  for (std::size_t i = 0; i < backend.drives.size(); ++i) {
-    if (done[i]) continue;
-    // All drives on the same wire are units of one server.
-    const auto same = [&](const ModbusDrive& other) {
-      if (other.endpoint.index() != backend.drives[i].endpoint.index()) return false;
-      if (const auto* tcp = std::get_if<TcpEndpoint>(&other.endpoint)) {
-        const auto& mine = std::get<TcpEndpoint>(backend.drives[i].endpoint);
-        return tcp->host == mine.host && tcp->port == mine.port;
-      }
-      return std::get<SerialEndpoint>(other.endpoint).device ==
-             std::get<SerialEndpoint>(backend.drives[i].endpoint).device;
-    };
-    ModbusServer::Units units;
-    for (std::size_t j = i; j < backend.drives.size(); ++j) {
-      if (!same(backend.drives[j])) continue;
-      units[backend.drives[j].unit] = std::make_unique<DriveRegisters>(backend, j, world);
-      done[j] = true;
-    }
-    auto server = ModbusServer::open(backend.drives[i].endpoint, std::move(units));
-    if (!server) return tl::unexpected(with_context("simulate the gantry", server.error()));
-    std::shared_ptr<ModbusServer> shared = std::move(*server);
-    hosted.push_back({"gantry", shared->address(), shared});
-  }
-  return hosted;
 }
 
 }  // namespace lightrig::sim

@@ -1,14 +1,20 @@
 #pragma once
 
+#include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
 #include <string>
 #include <thread>
 #include <variant>
+#include <vector>
 
 #include "config/rig.h"
 #include "core/result.h"
-#include "sim/modbus/drive_registers.h"
+#include "drivers/clock.h"
+#include "sim/modbus/modbus_pdu.h"
+#include "sim/modbus/modbus_unit.h"
+#include "sim/wire_faults.h"
 
 namespace lightrig::sim {
 
@@ -18,11 +24,13 @@ namespace lightrig::sim {
 class ModbusServer {
  public:
   using Endpoint = std::variant<TcpEndpoint, SerialEndpoint>;
-  using Units = std::map<int, std::unique_ptr<DriveRegisters>>;
+  using Units = std::map<int, std::unique_ptr<ModbusUnit>>;
 
   /// TCP: listens at the endpoint (port 0: any). Serial: opens a pty and, where the endpoint names
-  /// a path that does not exist yet, links it there. Errors: refused (address in use), not_found.
-  static Result<std::unique_ptr<ModbusServer>> open(const Endpoint& endpoint, Units units);
+  /// a path that does not exist yet, links it there. `faults` may be null; `wire` is whose they
+  /// are. Errors: refused (address in use), not_found.
+  static Result<std::unique_ptr<ModbusServer>> open(const Endpoint& endpoint, Units units,
+                                                    std::shared_ptr<WireFaults> faults, Wire wire);
   ~ModbusServer();
   ModbusServer(const ModbusServer&) = delete;
   ModbusServer& operator=(const ModbusServer&) = delete;
@@ -30,20 +38,57 @@ class ModbusServer {
   const std::string& address() const { return address_; }
 
  private:
-  explicit ModbusServer(Units units) : units_(std::move(units)) {}
+  struct Client {
+    int descriptor = -1;
+    std::uint64_t number = 0;
+    Bytes pending;
+    bool deaf = false;  ///< half open: nothing more is read
+  };
+  /// An answer on its way, perhaps late. `client` 0 is the pty.
+  struct Outgoing {
+    std::chrono::steady_clock::time_point time;
+    std::uint64_t client = 0;
+    Bytes bytes;
+  };
+
+  ModbusServer(Endpoint endpoint, Units units, std::shared_ptr<WireFaults> faults, Wire wire)
+      : endpoint_(std::move(endpoint)),
+        units_(std::move(units)),
+        faults_(std::move(faults)),
+        wire_(wire) {}
   Result<void> listen(const TcpEndpoint& endpoint);
   Result<void> open_pty(const SerialEndpoint& endpoint);
+  void close_pty();
   void serve_tcp(const std::stop_token& stop);
   void serve_rtu(const std::stop_token& stop);
-  bool answer_tcp(int client, std::vector<std::uint8_t>& pending);
-  void answer_rtu(std::vector<std::uint8_t>& pending);
+  void hear(std::uint64_t number);
+  void accept_client();
+  bool answer_tcp(Client& client);
+  void answer_rtu(Bytes& pending);
+  void end_frame(Bytes& pending);
+  bool serve(std::uint64_t client, std::uint8_t unit, const Bytes& head,
+             std::span<const std::uint8_t> pdu);
+  Bytes framed(const Bytes& head, const Bytes& pdu) const;
+  void send_due();
+  void transmit(const Outgoing& outgoing);
+  void tick();
+  void drop(std::uint64_t client);
+  bool is_tcp() const { return std::holds_alternative<TcpEndpoint>(endpoint_); }
 
+  const Endpoint endpoint_;
   Units units_;
+  std::shared_ptr<WireFaults> faults_;
+  const Wire wire_;
   std::string address_;
-  std::string link_;     // to be removed
-  int listener_ = -1;    // TCP
-  int master_ = -1;      // pty
-  int slave_ = -1;       // held open: a pty whose slave nobody holds hangs up
+  std::string link_;   // to be removed
+  int listener_ = -1;  // TCP
+  int master_ = -1;    // pty
+  int slave_ = -1;     // held open: a pty whose slave nobody holds hangs up
+  // Below: the thread's own.
+  std::vector<Client> clients_;
+  std::uint64_t next_client_ = 1;
+  std::deque<Outgoing> outbox_;
+  std::chrono::steady_clock::time_point silent_until_{}, gone_until_{};
   std::jthread thread_;  // last
 };
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <cstdlib>
 #include <optional>
 
 namespace lightrig::sim {
@@ -105,8 +106,21 @@ std::string GrblMachine::reset() {
   return said;
 }
 
+std::string GrblMachine::power_cycle() {
+  world_->lose_position();
+  (void)reset();
+  alarm_ = true;
+  homing_ = false;
+  return std::string(banner) + "[MSG:'$H'|'$X' to unlock]\r\n";
+}
+
+// An alarm ends in a reset of motion, spindle and coolant [Grbl v1.1, mc_reset].
 std::string GrblMachine::alarm(int number) {
   alarm_ = true;
+  world_->halt_gantry();
+  queue_.clear();
+  lamp_on_ = false;
+  (void)world_->set_lamp(0);
   silent_ = number == 1 || number == 2;
   return fmt::format("ALARM:{}\r\n", number);
 }
@@ -154,7 +168,8 @@ std::string GrblMachine::start_homing() {
 
 std::string GrblMachine::tick() {
   const GantryStatus status = world_->gantry_status();
-  if (!status.alarm.empty() && !alarm_) return alarm(1);
+  if (!status.alarm.empty() && !alarm_)
+    return alarm(status.alarm.starts_with("code ") ? std::atoi(status.alarm.c_str() + 5) : 1);
   if (homing_ && status.at_rest) {
     homing_ = false;
     if (!status.homed) return alarm(status.open_interlocks.empty() ? 9 : 7);

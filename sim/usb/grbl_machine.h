@@ -23,6 +23,8 @@ class GrblMachine {
   std::string receive(std::string_view bytes);
   /// What it says by itself now: the ok of a homing that ended, the next queued move.
   std::string tick();
+  /// Power fails and comes back: what it says when it is up again.
+  std::string power_cycle();
 
  private:
   std::string realtime(char byte);

@@ -57,6 +57,33 @@ TEST(ReadRig, OpensTheDemosHardwareByNameAndNothingElse) {
   EXPECT_EQ(std::get<AravisCamera>(rig.camera.backend).id, "192.168.10.30");
 }
 
+// What `lightrig simulate` hosts is the demo's rig behind other wires: nothing but the gantry, the
+// addresses and the waiting differs.
+TEST(ReadRig, TheWireRigsAreTheDemosRigBehindOtherWires) {
+  const Rig rig = rig_of("demo.toml");
+  for (const char* name :
+       {"wire_modbus_tcp.toml", "wire_modbus_rtu.toml", "wire_grbl.toml", "wire_usb.toml"}) {
+    const Rig wire = rig_of(name);
+    EXPECT_EQ(wire.camera.model.width, rig.camera.model.width) << name;
+    EXPECT_EQ(wire.camera.sensor.bits, rig.camera.sensor.bits) << name;
+    EXPECT_EQ(wire.gantry.model.axes.size(), rig.gantry.model.axes.size()) << name;
+    EXPECT_EQ(wire.gantry.model.axes[0].max_speed, rig.gantry.model.axes[0].max_speed) << name;
+    EXPECT_EQ(wire.simulation->material, rig.simulation->material) << name;
+    EXPECT_EQ(wire.session_defaults.bracket.exposures, rig.session_defaults.bracket.exposures);
+    EXPECT_EQ(wire.session_defaults.plan.max_lights, rig.session_defaults.plan.max_lights) << name;
+    EXPECT_TRUE(std::holds_alternative<AravisCamera>(wire.camera.backend)) << name;
+    EXPECT_TRUE(std::holds_alternative<GantryLamp>(wire.lamp.backend)) << name;
+  }
+  const auto& tcp = std::get<ModbusGantry>(rig_of("wire_modbus_tcp.toml").gantry.backend);
+  EXPECT_TRUE(std::holds_alternative<TcpEndpoint>(tcp.drives[1].endpoint));
+  const auto& rtu = std::get<ModbusGantry>(rig_of("wire_modbus_rtu.toml").gantry.backend);
+  EXPECT_TRUE(std::holds_alternative<SerialEndpoint>(rtu.drives[1].endpoint));
+  // A serial line needs time to recover before a watchdog barks.
+  EXPECT_LT(4 * rtu.timeout, rtu.controller.watchdog->timeout);
+  const auto& usb = std::get<GrblGantry>(rig_of("wire_usb.toml").gantry.backend);
+  EXPECT_TRUE(std::holds_alternative<UsbEndpoint>(usb.endpoint));
+}
+
 TEST(ReadRig, LooksAtTheTargetWithTheCentreOfTheImage) {
   for (const char* name : {"demo.toml", "paper.toml"}) {
     const CameraModel camera = rig_of(name).camera.model;

@@ -126,7 +126,7 @@ TEST_P(DeviceContract, AMoveThatMissesItsDeadlineTimesOutAndIsHalted) {
   const auto moved = subject.devices.gantry->move_to(beside_home(0.8, 0), within(0.4));
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::timed_out);
-  subject.clock->sleep_until(within(3).deadline, {});
+  subject.clock->sleep_until(within(1.5).deadline, {});
   const auto rested = subject.devices.gantry->status(within(ample));
   ASSERT_TRUE(rested);
   EXPECT_TRUE(rested->at_rest);
@@ -144,7 +144,7 @@ TEST_P(DeviceContract, AStoppedMoveReturnsAtOnceAndComesToRestShortOfItsTarget) 
   });
   EXPECT_EQ(code, ErrorCode::stopped);
   EXPECT_LT(latency, stop_latency);
-  subject.clock->sleep_until(within(3).deadline, {});
+  subject.clock->sleep_until(within(1.5).deadline, {});
   const auto status = subject.devices.gantry->status(within(ample));
   ASSERT_TRUE(status);
   EXPECT_TRUE(status->at_rest);
@@ -208,7 +208,7 @@ TEST_P(DeviceContract, AGantryDestroyedComesToRest) {
   source.request_stop();
   mover.join();
   subject.devices.gantry.reset();
-  subject.clock->sleep_until(within(3).deadline, {});
+  subject.clock->sleep_until(within(1.5).deadline, {});
   EXPECT_FALSE(subject.moving_at_far_end());
 }
 

@@ -88,7 +88,7 @@ TEST_P(ModbusWire, RefusesToMoveBeforeHomingAndBeyondItsTravel) {
   EXPECT_EQ(unhomed.error().code, ErrorCode::refused) << unhomed.error().message;
   const auto beyond = opened->gantry->move_to(test::at_degrees(300, 30), soon(5s));
   ASSERT_FALSE(beyond);
-  EXPECT_EQ(beyond.error().code, ErrorCode::invalid_input);
+  EXPECT_EQ(beyond.error().code, ErrorCode::refused);
 }
 
 TEST_P(ModbusWire, AStopRequestReturnsAtOnceAndTheDrivesComeToRest) {
