@@ -74,13 +74,13 @@ TEST(ReadRig, TheWireRigsAreTheDemosRigBehindOtherWires) {
     EXPECT_TRUE(std::holds_alternative<AravisCamera>(wire.camera.backend)) << name;
     EXPECT_TRUE(std::holds_alternative<GantryLamp>(wire.lamp.backend)) << name;
   }
-  const auto& tcp = std::get<ModbusGantry>(rig_of("wire_modbus_tcp.toml").gantry.backend);
+  const auto tcp = std::get<ModbusGantry>(rig_of("wire_modbus_tcp.toml").gantry.backend);
   EXPECT_TRUE(std::holds_alternative<TcpEndpoint>(tcp.drives[1].endpoint));
-  const auto& rtu = std::get<ModbusGantry>(rig_of("wire_modbus_rtu.toml").gantry.backend);
+  const auto rtu = std::get<ModbusGantry>(rig_of("wire_modbus_rtu.toml").gantry.backend);
   EXPECT_TRUE(std::holds_alternative<SerialEndpoint>(rtu.drives[1].endpoint));
   // A serial line needs time to recover before a watchdog barks.
   EXPECT_LT(4 * rtu.timeout, rtu.controller.watchdog->timeout);
-  const auto& usb = std::get<GrblGantry>(rig_of("wire_usb.toml").gantry.backend);
+  const auto usb = std::get<GrblGantry>(rig_of("wire_usb.toml").gantry.backend);
   EXPECT_TRUE(std::holds_alternative<UsbEndpoint>(usb.endpoint));
 }
 

@@ -59,6 +59,9 @@ class FaultStory {
     } else {
       auto backend = std::get<ModbusGantry>(rig_.gantry.backend);
       backend.timeout = 400ms;  // ample on a loaded machine
+      // A serial line recovers by silence, a flush and two reads in step: some five timeouts. The
+      // drives' watchdog must leave time for that, as docs/hardware.md asks of a rig.
+      if (c.wire == Wired::rtu) backend.controller.watchdog->timeout = 6s;
       for (ModbusDrive& drive : backend.drives) {
         if (c.wire == Wired::tcp)
           drive.endpoint = TcpEndpoint{"127.0.0.1", 1502 + static_cast<int>(number)};
