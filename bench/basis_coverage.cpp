@@ -29,6 +29,7 @@
 #include "core/planner.h"
 #include "core/shapes.h"
 #include "core/surface_points.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
@@ -45,7 +46,9 @@ double cpu_seconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC
 std::vector<Material> fits_of_merl() {
   const char* named = std::getenv("LIGHTRIG_DATA");
   const std::filesystem::path folder =
-      std::filesystem::path(named != nullptr ? named : LIGHTRIG_SOURCE_DIR "/../shared/data") /
+      std::filesystem::path(named != nullptr
+                                ? std::string(named)
+                                : std::string(lightrig::test::source_dir) + "/../shared/data") /
       "materials/npf";
   std::vector<std::filesystem::path> files;
   std::error_code absent;

@@ -21,6 +21,7 @@
 #include "core/planner_kernels.h"
 #include "core/surface_points.h"
 #include "tests/core/planner_scene.h"
+#include "tests/paths.h"
 
 namespace {
 
@@ -125,7 +126,7 @@ std::string after(const std::string& json, const std::string& key, const char* e
 Baseline run_baseline(const std::string& script, const std::filesystem::path& folder, int repeats) {
   const std::string command =
       fmt::format("OPENBLAS_NUM_THREADS=1 /usr/bin/python3 {}/bench/baselines/{} {} {}",
-                  LIGHTRIG_SOURCE_DIR, script, folder.string(), repeats);
+                  lightrig::test::source_dir, script, folder.string(), repeats);
   std::FILE* pipe = popen(command.c_str(), "r");
   std::string json;
   for (int c = pipe != nullptr ? std::fgetc(pipe) : EOF; c != EOF; c = std::fgetc(pipe)) {

@@ -20,6 +20,7 @@
 #include "core/samples.h"
 #include "core/shapes.h"
 #include "core/surface_points.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
@@ -164,7 +165,7 @@ std::string run_baseline(const ProblemFolder& folder) {
   const std::string command = fmt::format(
       "OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 /usr/bin/python3 "
       "{}/bench/baselines/reduce_numpy.py {}",
-      LIGHTRIG_SOURCE_DIR, folder.path().string());
+      lightrig::test::source_dir, folder.path().string());
   std::string text;
   FILE* pipe = ::popen(command.c_str(), "r");
   if (pipe == nullptr) return text;

@@ -29,6 +29,7 @@
 #include "drivers/backends.h"
 #include "sim/hosted_rig.h"
 #include "tests/drivers/own_network.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
@@ -51,7 +52,7 @@ double now_us() {
 }
 
 Rig rig_of_bench() {
-  auto read = read_rig(std::string(LIGHTRIG_SOURCE_DIR) + "/config/wire_modbus_tcp.toml");
+  auto read = read_rig(std::string(lightrig::test::source_dir) + "/config/wire_modbus_tcp.toml");
   if (!read.value) die("config/wire_modbus_tcp.toml is not valid");
   Rig rig = *read.value;
   rig.camera.backend = SimulatedCamera{};

@@ -13,6 +13,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/paths.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -20,9 +22,9 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using Json = nlohmann::ordered_json;
 
-const std::string lightrig = std::string(LIGHTRIG_BINARY_DIR) + "/lightrig";
-const std::string lightrigd = std::string(LIGHTRIG_BINARY_DIR) + "/lightrigd";
-const std::string demo = std::string(LIGHTRIG_SOURCE_DIR) + "/config/demo.toml";
+const std::string lightrig = std::string(lightrig::test::build_dir) + "/lightrig";
+const std::string lightrigd = std::string(lightrig::test::build_dir) + "/lightrigd";
+const std::string demo = std::string(lightrig::test::source_dir) + "/config/demo.toml";
 
 struct Outcome {
   int code = -1;
@@ -63,7 +65,7 @@ class CommandLine : public ::testing::Test {
     const auto at = text.find(from);
     EXPECT_NE(at, std::string::npos) << from;
     if (at != std::string::npos) text.replace(at, from.size(), to);
-    fs::copy(fs::path(LIGHTRIG_SOURCE_DIR) / "config/controllers", folder_ / "controllers",
+    fs::copy(fs::path(lightrig::test::source_dir) / "config/controllers", folder_ / "controllers",
              fs::copy_options::recursive | fs::copy_options::overwrite_existing);
     const fs::path path = folder_ / "rig.toml";
     std::ofstream(path) << text;
@@ -103,7 +105,7 @@ TEST_F(CommandLine, FindsTheShippedRigValid) {
 }
 
 TEST_F(CommandLine, FindsTheRigOfTheReadmesFirstStepsValid) {
-  const std::string readme = text_of(fs::path(LIGHTRIG_SOURCE_DIR) / "README.md");
+  const std::string readme = text_of(fs::path(lightrig::test::source_dir) / "README.md");
   const auto at = readme.find("mkdir -p my_rig && cp ");
   ASSERT_NE(at, std::string::npos);
   std::string command = readme.substr(at, readme.find('\n', at) - at);
@@ -111,7 +113,8 @@ TEST_F(CommandLine, FindsTheRigOfTheReadmesFirstStepsValid) {
   for (auto name = command.find("my_rig"); name != std::string::npos;
        name = command.find("my_rig", name + folder.size()))
     command.replace(name, 6, folder);
-  EXPECT_EQ(run("cd " LIGHTRIG_SOURCE_DIR " && " + command).code, 0) << command;
+  EXPECT_EQ(run(std::string("cd ") + lightrig::test::source_dir + " && " + command).code, 0)
+      << command;
   const fs::path rig = folder_ / "my_rig" / "demo.toml";
   std::string text = text_of(rig);
   const auto line = text.find("leave_out_families = [\"plastic\"]");

@@ -13,6 +13,7 @@
 #include <string>
 #include <thread>
 
+#include "tests/paths.h"
 #include "tests/service/scratch_folder.h"
 #include "tests/service/small_rig.h"
 
@@ -29,7 +30,7 @@ class Crash : public ::testing::Test {
   void TearDown() override { kill_service(); }
 
   void begin_service() {
-    const std::string program = std::string(LIGHTRIG_BINARY_DIR) + "/lightrigd";
+    const std::string program = std::string(lightrig::test::build_dir) + "/lightrigd";
     const std::string rig = (folder_.path() / "rig.toml").string();
     service_ = fork();
     ASSERT_GE(service_, 0);
@@ -51,8 +52,8 @@ class Crash : public ::testing::Test {
     service_ = 0;
   }
   FILE* begin(const std::string& verb) const {
-    return popen((std::string(LIGHTRIG_BINARY_DIR) + "/lightrig " + verb + " --socket " + socket_ +
-                  " 2>&1 </dev/null")
+    return popen((std::string(lightrig::test::build_dir) + "/lightrig " + verb + " --socket " +
+                  socket_ + " 2>&1 </dev/null")
                      .c_str(),
                  "r");
   }

@@ -20,6 +20,7 @@
 #include "drivers/devices.h"
 #include "tests/drivers/child_process.h"
 #include "tests/drivers/own_network.h"
+#include "tests/paths.h"
 #include "tests/wire/small_wire_rig.h"
 
 namespace lightrig {
@@ -29,8 +30,8 @@ namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 using Json = nlohmann::ordered_json;
 
-const std::string lightrig = std::string(LIGHTRIG_BINARY_DIR) + "/lightrig";
-const std::string lightrigd = std::string(LIGHTRIG_BINARY_DIR) + "/lightrigd";
+const std::string lightrig = std::string(lightrig::test::build_dir) + "/lightrig";
+const std::string lightrigd = std::string(lightrig::test::build_dir) + "/lightrigd";
 
 std::string text_of(const fs::path& path) {
   std::stringstream text;

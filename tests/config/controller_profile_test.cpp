@@ -1,4 +1,5 @@
 #include "config/controller_profile.h"
+#include "tests/paths.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +11,8 @@ namespace {
 namespace fs = std::filesystem;
 
 ControllerProfile shipped(const std::string& name) {
-  const auto read = read_profile(fs::path(LIGHTRIG_SOURCE_DIR) / "config/controllers" / name);
+  const auto read =
+      read_profile(fs::path(lightrig::test::source_dir) / "config/controllers" / name);
   EXPECT_EQ(to_text(read.diagnostics), "");
   EXPECT_TRUE(read.value.has_value()) << name;
   return read.value.value_or(ControllerProfile{});
@@ -19,7 +21,7 @@ ControllerProfile shipped(const std::string& name) {
 TEST(ControllerProfiles, AllShippedOnesAreValidAndSayWhatIsUnverified) {
   int profiles = 0;
   for (const auto& entry :
-       fs::directory_iterator(fs::path(LIGHTRIG_SOURCE_DIR) / "config/controllers")) {
+       fs::directory_iterator(fs::path(lightrig::test::source_dir) / "config/controllers")) {
     if (entry.path().extension() != ".toml") continue;
     const ControllerProfile p = shipped(entry.path().filename().string());
     EXPECT_FALSE(p.source.empty()) << entry.path();
@@ -77,7 +79,7 @@ TEST(ControllerProfiles, TakeTheirWordOrderFromTheItemBeforeTheController) {
   const ControllerProfile generic = shipped("generic.toml");
   EXPECT_EQ(generic.position.order, WordOrder::high_first);
   std::string text =
-      read_profile(fs::path(LIGHTRIG_SOURCE_DIR) / "config/controllers/generic.toml").text;
+      read_profile(fs::path(lightrig::test::source_dir) / "config/controllers/generic.toml").text;
   const auto at = text.find("[position]\n");
   text.insert(at + 11, "word_order = \"low_first\"\n");
   const auto read = read_profile_text(text, "p.toml");

@@ -11,13 +11,14 @@
 
 #include "config/controller_profile.h"
 #include "config/read_rig.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path folder = fs::path(LIGHTRIG_SOURCE_DIR) / "config" / "faulty";
+const fs::path folder = fs::path(lightrig::test::source_dir) / "config" / "faulty";
 
 std::string bytes_of(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);

@@ -9,6 +9,7 @@
 
 #include "core/mesh_repair.h"
 #include "tests/config/scratch_folder.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
@@ -187,8 +188,9 @@ TEST(LoadObject, NoticesABinaryPlyCutAnywhere) {
 TEST(LoadObject, ReadsTheScannedMeshesWhereTheyAreAtHand) {
   const char* given = std::getenv("LIGHTRIG_DATA");
   const std::filesystem::path data =
-      given != nullptr ? given
-                       : std::filesystem::path(LIGHTRIG_SOURCE_DIR) / ".." / "shared" / "data";
+      given != nullptr
+          ? given
+          : std::filesystem::path(lightrig::test::source_dir) / ".." / "shared" / "data";
   if (!std::filesystem::exists(data / "meshes" / "bunny.ply"))
     GTEST_SKIP() << "no meshes in " << data << "; set LIGHTRIG_DATA";
   const auto bunny = load_object(mesh_config(data / "meshes" / "bunny.ply"));

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "core/builtin_materials.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
@@ -17,7 +18,7 @@ namespace fs = std::filesystem;
 constexpr double degree = std::numbers::pi / 180;
 
 fs::path shipped(const std::string& name) {
-  return fs::path(LIGHTRIG_SOURCE_DIR) / "config" / name;
+  return fs::path(lightrig::test::source_dir) / "config" / name;
 }
 
 Rig rig_of(const std::string& name) {

@@ -13,13 +13,14 @@
 
 #include "config/descriptions.h"
 #include "config/read_value.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path docs = fs::path(LIGHTRIG_SOURCE_DIR) / "docs";
+const fs::path docs = fs::path(lightrig::test::source_dir) / "docs";
 
 bool writing() { return std::getenv("LIGHTRIG_WRITE_DOCS") != nullptr; }
 

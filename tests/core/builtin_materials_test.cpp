@@ -1,4 +1,5 @@
 #include "core/builtin_materials.h"
+#include "tests/paths.h"
 
 #include <gtest/gtest.h>
 
@@ -162,7 +163,7 @@ TEST(BuiltinTables, AreTheMeansOfTheReflectances) {
 }
 
 TEST(BuiltinMaterials, CiteOnlySourcesThatTheDocumentLists) {
-  std::ifstream file(std::string(LIGHTRIG_SOURCE_DIR) + "/docs/sources.md");
+  std::ifstream file(std::string(lightrig::test::source_dir) + "/docs/sources.md");
   std::stringstream text;
   text << file.rdbuf();
   const std::string sources = text.str();

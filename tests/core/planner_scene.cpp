@@ -1,4 +1,5 @@
 #include "planner_scene.h"
+#include "tests/paths.h"
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
@@ -20,7 +21,7 @@ namespace lightrig::test {
 std::optional<std::string> data_folder() {
   const char* named = std::getenv("LIGHTRIG_DATA");
   const std::string folder =
-      named != nullptr ? named : std::string(LIGHTRIG_SOURCE_DIR) + "/../shared/data";
+      named != nullptr ? named : std::string(lightrig::test::source_dir) + "/../shared/data";
   if (!std::filesystem::is_directory(folder)) return std::nullopt;
   return folder;
 }

@@ -19,6 +19,7 @@
 #include "tests/drivers/child_process.h"
 #include "tests/drivers/own_network.h"
 #include "tests/drivers/wire_rig.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
@@ -103,7 +104,7 @@ class ModbusPeer : public testing::TestWithParam<Peering> {
     rig_ = test::quick_rig();
     backend_ = std::get<ModbusGantry>(rig_.gantry.backend);
     backend_.timeout = 400ms;
-    const fs::path path = fs::path(LIGHTRIG_SOURCE_DIR) / "config/controllers/generic.toml";
+    const fs::path path = fs::path(lightrig::test::source_dir) / "config/controllers/generic.toml";
     std::stringstream text;
     text << std::ifstream(path).rdbuf();
     std::string profile = text.str();
@@ -126,7 +127,7 @@ class ModbusPeer : public testing::TestWithParam<Peering> {
     rig_.gantry.backend = backend_;
   }
   static std::string peer(const std::string& file) {
-    return (fs::path(LIGHTRIG_SOURCE_DIR) / "tests/drivers/peers" / file).string();
+    return (fs::path(lightrig::test::source_dir) / "tests/drivers/peers" / file).string();
   }
   Until soon(std::chrono::milliseconds time) { return {clock_.now() + time, {}}; }
 

@@ -11,12 +11,13 @@
 #include "sim/hosted_wire.h"
 #include "sim/open_devices.h"
 #include "sim/world.h"
+#include "tests/paths.h"
 
 namespace lightrig::test {
 
 /// The demo's rig with a small image and quick axes, so that a wire test takes a second.
 inline Rig quick_rig() {
-  auto read = read_rig(std::string(LIGHTRIG_SOURCE_DIR) + "/config/demo.toml");
+  auto read = read_rig(std::string(lightrig::test::source_dir) + "/config/demo.toml");
   for (const Diagnostic& diagnostic : read.diagnostics)
     ADD_FAILURE() << to_text(diagnostic, read.text);
   Rig rig = *read.value;

@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/paths.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -101,11 +103,11 @@ bool is_standard(const std::string& header) {
 }
 
 std::string place(const Include& include) {
-  return fs::relative(include.file, LIGHTRIG_SOURCE_DIR).string() + ":" +
+  return fs::relative(include.file, lightrig::test::source_dir).string() + ":" +
          std::to_string(include.line) + ": includes " + include.header;
 }
 
-fs::path root() { return LIGHTRIG_SOURCE_DIR; }
+fs::path root() { return lightrig::test::source_dir; }
 
 TEST(Layering, ARoomIncludesOnlyItselfAndTheRoomsToItsLeft) {
   for (const Room& room : rooms) {

@@ -9,13 +9,14 @@
 #include <string>
 
 #include "config/read_rig.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 
 /// The demo's rig made small: a sphere on a few pixels, few candidates, few materials, a clock that
 /// jumps. A whole session takes about a second.
 inline std::string small_rig_text() {
-  std::ifstream in(std::filesystem::path(LIGHTRIG_SOURCE_DIR) / "config" / "demo.toml");
+  std::ifstream in(std::filesystem::path(lightrig::test::source_dir) / "config" / "demo.toml");
   std::stringstream bytes;
   bytes << in.rdbuf();
   std::string text = bytes.str();
@@ -46,7 +47,8 @@ inline Rig small_rig(const std::filesystem::path& folder) {
   const std::filesystem::path path = folder / "rig.toml";
   std::filesystem::create_directories(folder / "controllers");
   std::filesystem::copy(
-      std::filesystem::path(LIGHTRIG_SOURCE_DIR) / "config" / "controllers", folder / "controllers",
+      std::filesystem::path(lightrig::test::source_dir) / "config" / "controllers",
+      folder / "controllers",
       std::filesystem::copy_options::recursive | std::filesystem::copy_options::overwrite_existing);
   std::ofstream(path) << small_rig_text();
   auto read = read_rig(path);

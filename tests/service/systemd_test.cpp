@@ -16,6 +16,7 @@
 #include <sstream>
 #include <string>
 
+#include "tests/paths.h"
 #include "tests/service/scratch_folder.h"
 
 namespace lightrig {
@@ -49,9 +50,10 @@ Outcome run(const std::string& command) {
 
 /// The units with this build's program in them.
 fs::path units_in(const fs::path& folder) {
-  const fs::path source = fs::path(LIGHTRIG_SOURCE_DIR) / "systemd";
+  const fs::path source = fs::path(lightrig::test::source_dir) / "systemd";
   std::string unit = text_of(source / "lightrigd.service.in");
-  unit = std::regex_replace(unit, std::regex("@CMAKE_INSTALL_FULL_BINDIR@"), LIGHTRIG_BINARY_DIR);
+  unit = std::regex_replace(unit, std::regex("@CMAKE_INSTALL_FULL_BINDIR@"),
+                            lightrig::test::build_dir);
   unit = std::regex_replace(unit, std::regex("@CMAKE_INSTALL_FULL_DOCDIR@"), "/usr/share/doc");
   std::ofstream(folder / "lightrigd.service") << unit;
   fs::copy(source / "lightrigd.socket", folder / "lightrigd.socket");
@@ -113,10 +115,10 @@ TEST(SystemdService, SaysReadyFeedsTheWatchdogAndEndsWithZeroOnSigterm) {
   ScratchFolder folder;
   NotifySocket notify(folder.path() / "notify");
   ASSERT_TRUE(notify.good());
-  const std::string rig = std::string(LIGHTRIG_SOURCE_DIR) + "/config/demo.toml";
+  const std::string rig = std::string(lightrig::test::source_dir) + "/config/demo.toml";
   const std::string root = (folder.path() / "sessions").string();
   const std::string control = (folder.path() / "s.sock").string();
-  const std::string program = std::string(LIGHTRIG_BINARY_DIR) + "/lightrigd";
+  const std::string program = std::string(lightrig::test::build_dir) + "/lightrigd";
   const pid_t child = fork();
   ASSERT_GE(child, 0);
   if (child == 0) {

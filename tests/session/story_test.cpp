@@ -15,6 +15,7 @@
 #include "daemon/session/session.h"
 #include "sim/open_devices.h"
 #include "sim/sim_clock.h"
+#include "tests/paths.h"
 #include "tests/session/scratch.h"
 
 namespace lightrig {
@@ -32,12 +33,13 @@ void replace(std::string& text, const std::string& from, const std::string& to) 
 
 // The demo's rig with a quarter of its pixels across and fewer lights.
 std::string small_demo_rig(const fs::path& sessions) {
-  std::string text = read_file(fs::path(LIGHTRIG_SOURCE_DIR) / "config/demo.toml").value();
+  std::string text = read_file(fs::path(lightrig::test::source_dir) / "config/demo.toml").value();
   replace(text, "width_px = 640", "width_px = 160");
   replace(text, "height_px = 480", "height_px = 120");
   replace(text, "fx_px = 3478", "fx_px = 869.5");
   replace(text, "\"../sessions\"", fmt::format("\"{}\"", sessions.string()));
-  replace(text, "controllers/generic.toml", LIGHTRIG_SOURCE_DIR "/config/controllers/generic.toml");
+  replace(text, "controllers/generic.toml",
+          std::string(lightrig::test::source_dir) + "/config/controllers/generic.toml");
   replace(text, "count = 1000", "count = 120");
   replace(text, "max_lights = 7", "max_lights = 4");
   return text;

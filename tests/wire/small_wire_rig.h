@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/paths.h"
+
 namespace lightrig::test {
 
 /// A shipped wire rig made small and quick: a sphere on a few pixels, few candidates and lights,
@@ -17,7 +19,7 @@ class SmallWireRig {
  public:
   /// `file` of config/, e.g. "wire_modbus_tcp.toml".
   explicit SmallWireRig(const std::string& file) {
-    std::ifstream in(std::filesystem::path(LIGHTRIG_SOURCE_DIR) / "config" / file);
+    std::ifstream in(std::filesystem::path(lightrig::test::source_dir) / "config" / file);
     std::stringstream bytes;
     bytes << in.rdbuf();
     text_ = bytes.str();
@@ -44,7 +46,7 @@ class SmallWireRig {
     set("exposures_s", "[80e-6, 1.28e-3, 20.48e-3]");
     if (text_.find("controllers/") != std::string::npos)
       replace("controllers/",
-              (std::filesystem::path(LIGHTRIG_SOURCE_DIR) / "config/controllers/").string());
+              (std::filesystem::path(lightrig::test::source_dir) / "config/controllers/").string());
   }
 
   /// Every line `key = …` gets this value.
