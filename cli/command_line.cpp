@@ -210,6 +210,10 @@ void add_service_verbs(Verbs& verbs) {
   verb->add_option("--exposure", snapper->exposure, "Take a frame of so many seconds")
       ->check(CLI::PositiveNumber);
   verb->add_flag("--lamp", snapper->lamp, "Light the lamp for it")->needs("--exposure");
+  verb->add_flag("--overlay", snapper->overlay,
+                 "Draw the object's outline and the planned lights' highlights over it")
+      ->needs(verb->add_option("--rig", snapper->rig, "Rig file, for --overlay"));
+  verb->add_option("--session", snapper->session, "Session file, for --overlay");
 
   auto proving = std::make_shared<CommissionOptions>();
   verb = with_service(
@@ -242,6 +246,8 @@ void add_session_verbs(Verbs& verbs) {
       reduce_options->json);
   verb->add_option("session", reduce_options->session, "Session folder")->required();
   verb->add_option("-o,--output", reduce_options->output, "Write here instead of the folder");
+  verb->add_option("--environment", reduce_options->environment,
+                   "Light the report's sphere by this latitude-longitude picture (EXR, HDR)");
   add_threads(verb, reduce_options->threads);
 
   auto verify_options = std::make_shared<ReduceOptions>();
@@ -284,6 +290,45 @@ void add_session_verbs(Verbs& verbs) {
                    [source, merl] { return export_merl(*source, *merl); });
   verb->add_option("session", *source, "Session folder")->required();
   verb->add_option("--merl", *merl, "File to write")->required();
+}
+
+void add_target_options(CLI::App& verb, CalibrateOptions& options) {
+  verb.add_option("--target", options.kind, "charuco or checkerboard")
+      ->check(CLI::IsMember({"charuco", "checkerboard"}))
+      ->capture_default_str();
+  verb.add_option("--columns", options.columns, "Squares across")->required();
+  verb.add_option("--rows", options.rows, "Squares down")->required();
+  verb.add_option("--square-mm", options.square_mm, "Edge of a square, measured on the print")
+      ->required()
+      ->check(CLI::PositiveNumber);
+  verb.add_option("--marker-mm", options.marker_mm, "Edge of a marker (ChArUco)");
+}
+
+void add_calibrate_verb(Verbs& verbs) {
+  auto options = std::make_shared<CalibrateOptions>();
+  auto chosen = std::make_shared<int (*)(const CalibrateOptions&)>(nullptr);
+  CLI::App* verb = verbs.add("calibrate", "Calibration from images or from a session",
+                             [options, chosen] { return (*chosen)(*options); });
+  verb->require_subcommand(1);
+  CLI::App* camera = with_json(
+      verb->add_subcommand("camera", "Lens and pose from pictures of a target"), options->json);
+  camera->add_option("images", options->images, "Pictures of the target")->required();
+  add_target_options(*camera, *options);
+  camera->add_option("-o,--output", options->output, "Calibration file to write")->required();
+  camera->callback([chosen] { *chosen = &calibrate_camera; });
+  CLI::App* target = verb->add_subcommand("target", "The target as a picture to print");
+  add_target_options(*target, *options);
+  target->add_option("-o,--output", options->output, "PNG to write")->required();
+  target->callback([chosen] { *chosen = &calibrate_target; });
+  CLI::App* white =
+      with_json(verb->add_subcommand("white", "Absolute scale from a session on a white target"),
+                options->json);
+  white->add_option("session", options->session, "Session folder")->required();
+  white->add_option("--reflectance", options->reflectance, "Of the target: one number, or R G B")
+      ->required()
+      ->expected(1, 3);
+  white->add_option("-o,--output", options->output, "White reference to write")->required();
+  white->callback([chosen] { *chosen = &calibrate_white; });
 }
 
 void add_material_verbs(Verbs& verbs) {
@@ -387,6 +432,7 @@ int run(int argc, char** argv) {
   add_service_verbs(verbs);
   add_session_verbs(verbs);
   add_material_verbs(verbs);
+  add_calibrate_verb(verbs);
   add_study_verb(verbs);
   std::string shell;
   CLI::App* verb = verbs.add("completion", "Print a completion script for a shell",

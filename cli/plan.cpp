@@ -36,12 +36,7 @@ SessionSpec with_options(SessionSpec spec, const PlanOptions& options) {
   return spec;
 }
 
-double degrees(double radians) { return radians * 180 / std::numbers::pi; }
-
-std::string axis_value(const Axis& axis, double value) {
-  return axis.rotary ? fmt::format("{:.1f}°", degrees(value))
-                     : fmt::format("{:.1f} mm", value * 1e3);
-}
+std::string axis_value(const Axis& axis, double value) { return value_text(axis, value, 1); }
 
 std::string light_table(const Rig& rig, const Plan& plan) {
   std::vector<std::string> heads{"light", "visit"};
@@ -183,9 +178,11 @@ Json dry_run_json(const Rig& rig, const Plan& plan, const CaptureTime& time) {
   const auto ranges = axis_ranges(plan, rig.gantry.model.axes.size());
   for (std::size_t a = 0; a < ranges.size(); ++a) {
     const Axis& axis = rig.gantry.model.axes[a];
-    const double scale = axis.rotary ? 180 / std::numbers::pi : 1e3;
+    const double scale = axis.selector ? 1 : axis.rotary ? 180 / std::numbers::pi : 1e3;
     axes.push_back({{"axis", axis.name},
-                    {"unit", axis.rotary ? "deg" : "mm"},
+                    {"unit", axis.selector ? ""
+                             : axis.rotary ? "deg"
+                                           : "mm"},
                     {"least", ranges[a].least * scale},
                     {"most", ranges[a].most * scale},
                     {"travel_min", axis.min * scale},

@@ -4,13 +4,17 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <numbers>
 #include <thread>
 
 #include "cli/json_fields.h"
+#include "cli/rig_files.h"
 #include "cli/say.h"
 #include "cli/service_client.h"
 #include "cli/verbs.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/pose_overlay.h"
+#include "daemon/session/session_folder.h"
 
 namespace lightrig::cli {
 namespace {
@@ -272,9 +276,31 @@ int snap(const SnapOptions& options) {
   }
   const auto png = client.get("/v1/preview");
   if (!png) return complain(png.error());
-  if (auto written = write_durably(options.output, *png); !written)
+  if (!options.overlay) {
+    if (auto written = write_durably(options.output, *png); !written)
+      return complain(written.error());
+    say((options.exposure > 0 ? "frame written to " : "last frame written to ") + options.output);
+    return 0;
+  }
+  if (options.rig.empty())
+    return complain("--overlay draws what the rig file models over the frame: name it with --rig");
+  const RigFiles files = read_rig_files(options.rig, options.session);
+  show_diagnostics(files);
+  if (!files.valid()) return 1;
+  const auto prepared = prepare(*files.rig.value, files.spec());
+  if (!prepared) return complain(with_context("plan", prepared.error()));
+  const auto drawn = overlay_png(*png, *files.rig.value, *prepared);
+  if (!drawn) return complain(drawn.error());
+  if (auto written = write_durably(options.output, *drawn); !written)
     return complain(written.error());
-  say((options.exposure > 0 ? "frame written to " : "last frame written to ") + options.output);
+  std::vector<std::vector<std::string>> rows;
+  for (const ExpectedHighlight& one : expected_highlights(*files.rig.value, *prepared))
+    rows.push_back({shot_name(prepared->plan, one.shot),
+                    fmt::format("{:.0f}, {:.0f}", one.pixel.x(), one.pixel.y()),
+                    fmt::format("{:.1f}°", one.off * 180 / std::numbers::pi)});
+  say(table({"light", "highlight at column, row", "from the mirror direction"}, rows) +
+      "last frame with the model's outline (green) and highlights (rings) written to " +
+      options.output);
   return 0;
 }
 

@@ -147,7 +147,12 @@ int result(const std::string& session, bool json) {
 }
 
 int reduce(const ReduceOptions& options) {
-  const auto summary = reduce_session(options.session, options.output, threads_of(options.threads));
+  if (!options.environment.empty() && options.output.empty())
+    return complain(
+        "--environment needs -o: a session folder's own report keeps the light that `verify` draws "
+        "it with");
+  const auto summary = reduce_session(options.session, options.output, threads_of(options.threads),
+                                      options.environment);
   if (!summary) return complain(with_context("reduce " + options.session, summary.error()));
   if (options.json) {
     Json json{{"result", summary->result.string()},

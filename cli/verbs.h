@@ -68,11 +68,12 @@ int abort(const ServiceOptions& options, const std::string& reason);
 int lock(const ServiceOptions& options, const std::string& note);
 int unlock(const ServiceOptions& options, bool force);
 int sessions(const ServiceOptions& options);
+/// With a rig file the planned object's outline and highlights are drawn over the frame.
 struct SnapOptions {
   ServiceOptions service;
-  std::string output = "snap.png";
+  std::string output = "snap.png", rig, session;
   double exposure = 0;  ///< [s] 0: the last frame that was taken
-  bool lamp = false;
+  bool lamp = false, overlay = false;
 };
 int snap(const SnapOptions& options);
 int log_level(const ServiceOptions& options, const std::string& level);
@@ -92,7 +93,7 @@ struct BundleOptions {
 int bundle(const BundleOptions& options);
 
 struct ReduceOptions {
-  std::string session, output;
+  std::string session, output, environment;
   int threads = 0;
   bool json = false;
 };
@@ -123,6 +124,18 @@ struct SimulateOptions {
 };
 /// Hosts the far end of every wire the rig names, until SIGTERM or SIGINT.
 int simulate(const SimulateOptions& options);
+
+struct CalibrateOptions {
+  std::vector<std::string> images;
+  std::string session, output, kind = "charuco";
+  int columns = 0, rows = 0;
+  double square_mm = 0, marker_mm = 0;
+  std::vector<double> reflectance;
+  bool json = false;
+};
+int calibrate_camera(const CalibrateOptions& options);
+int calibrate_target(const CalibrateOptions& options);
+int calibrate_white(const CalibrateOptions& options);
 
 struct StudyVerbOptions {
   std::vector<std::string> objects{"sphere"}, methods;

@@ -14,6 +14,14 @@ TableSpec sensor_table() {
        .choices = {"mono", "bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"},
        .doc = "Colour filter; the four letters are the sites of the first two rows, from the top "
               "left."},
+      {.name = "demosaic",
+       .kind = ValueKind::boolean,
+       .need = Need::defaulted,
+       .fallback = "false",
+       .when = Condition{"filter", {"bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"}},
+       .doc = "Whether colours are interpolated to every pixel. Without it every sample is taken "
+              "at a site of its own colour, which needs no interpolation and is the better choice "
+              "unless the object is only a few pixels large."},
       {.name = "bits", .kind = ValueKind::integer, .range = {8, 16}, .doc = "Bits of a count."},
       {.name = "gain_e_per_dn",
        .unit = units::e_per_dn,
@@ -131,11 +139,19 @@ std::vector<KeySpec> projection_keys() {
        .kind = ValueKind::choice,
        .choices = {"perspective", "orthographic"},
        .doc = "\"orthographic\": a parallel view, as from far away or through a telecentric lens."},
+      {.name = "calibration",
+       .kind = ValueKind::path,
+       .need = Need::optional,
+       .when = Condition{"projection", {"perspective"}},
+       .doc = "File that `lightrig calibrate camera` wrote: focal lengths, principal point and "
+              "distortion are taken from it instead of from the keys below."},
       {.name = "fx_px",
        .unit = units::px,
        .range = positive,
+       .need = Need::optional,
        .when = Condition{"projection", {"perspective"}},
-       .doc = "Focal length in columns: focal length over pixel pitch."},
+       .doc = "Focal length in columns: focal length over pixel pitch. A perspective "
+              "camera needs it or a calibration."},
       {.name = "fy_px",
        .unit = units::px,
        .range = positive,
@@ -187,6 +203,13 @@ std::vector<KeySpec> pose_keys() {
        .need = Need::defaulted,
        .fallback = "[0, 0, 1]",
        .doc = "The direction that is upwards in the image."},
+      {.name = "lens_cone_deg",
+       .unit = units::deg,
+       .range = {0, 90},
+       .need = Need::optional,
+       .doc = "A lamp that stands within this of the line of sight, as the camera sees it, shines "
+              "into the lens, and is not used. Absent: half the diagonal of view and 5° more; of a "
+              "parallel view nothing."},
   };
 }
 

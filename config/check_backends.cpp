@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include "config/descriptions.h"
 #include "config/suggest.h"
 
 namespace lightrig {
@@ -79,22 +80,28 @@ bool uses(const ControllerProfile& profile, RawUnit unit) {
 
 void check_drive_limits(const Section& gantry, const Section& drive,
                         const ControllerProfile& profile, Findings& findings) {
-  if (!drive.has("axis") || !drive.has("counts_per_deg")) return;
+  if (!drive.has("axis")) return;
+  const auto linear = linear_axes();
+  const bool slides = std::ranges::find(linear, drive.text("axis")) != linear.end();
+  const std::string counts_key = slides ? "counts_per_mm" : "counts_per_deg";
+  const std::string zero_key = slides ? "zero_mm" : "zero_deg";
+  const std::string speed_key = slides ? "max_speed_mm_per_s" : "max_speed_deg_per_s";
+  if (!drive.has(counts_key)) return;
   for (const Section* axis : gantry.all("axis")) {
     if (!axis->has("name") || axis->text("name") != drive.text("axis")) continue;
-    const double per_rad = drive.number("counts_per_deg");
-    if (axis->has("max_speed_deg_per_s") && profile.limits.max_speed) {
-      const double speed = std::abs(per_rad) * axis->number("max_speed_deg_per_s");
+    const double per_si = drive.number(counts_key);
+    if (axis->has(speed_key) && profile.limits.max_speed) {
+      const double speed = std::abs(per_si) * axis->number(speed_key);
       if (speed > *profile.limits.max_speed)
-        findings.error(axis->at("max_speed_deg_per_s"),
+        findings.error(axis->at(speed_key),
                        fmt::format("this is {:g} counts/s; {} takes at most {:g}", speed,
                                    profile.name, *profile.limits.max_speed));
     }
     const bool bounded = profile.limits.min_position || profile.limits.max_position;
-    if (!bounded || !drive.has("zero_deg")) continue;
-    for (const char* key : {"min_deg", "max_deg"}) {
+    if (!bounded || !drive.has(zero_key)) continue;
+    for (const char* key : {slides ? "min_mm" : "min_deg", slides ? "max_mm" : "max_deg"}) {
       if (!axis->has(key)) continue;
-      const double counts = (axis->number(key) - drive.number("zero_deg")) * per_rad;
+      const double counts = (axis->number(key) - drive.number(zero_key)) * per_si;
       if ((profile.limits.min_position && counts < double(*profile.limits.min_position)) ||
           (profile.limits.max_position && counts > double(*profile.limits.max_position)))
         findings.error(axis->at(key),
@@ -104,14 +111,20 @@ void check_drive_limits(const Section& gantry, const Section& drive,
   }
 }
 
+// A scale of nothing per degree or millimetre would leave the axis where it is.
+void check_scale(const Section& link, const std::string& per, Findings& findings) {
+  for (const std::string& key : {per + "_per_deg", per + "_per_mm"})
+    if (link.given_key(key) && link.has(key) && link.number(key) == 0)
+      findings.error(link.at(key), key + " is 0; the axis would never move");
+}
+
 void check_modbus(const Section& gantry, const ControllerProfile* profile, Findings& findings) {
   const Section& modbus = gantry.table("modbus");
   const std::vector<const Section*> drives = modbus.all("drive");
   check_links(gantry, drives, modbus, "drive", findings);
   check_lines(drives, findings);
   for (const Section* drive : drives) {
-    if (drive->has("counts_per_deg") && drive->number("counts_per_deg") == 0)
-      findings.error(drive->at("counts_per_deg"), "counts_per_deg is 0; the axis would never move");
+    check_scale(*drive, "counts", findings);
     if (profile == nullptr) continue;
     if (drive->given_key("host") && !profile->tcp)
       findings.error(drive->at("host"), fmt::format("{} does not speak Modbus TCP; name its serial "
@@ -134,8 +147,7 @@ void check_grbl(const Section& gantry, Findings& findings) {
   check_links(gantry, grbl.all("axis"), grbl, "axis", findings);
   std::map<std::string, const Section*> letters;
   for (const Section* axis : grbl.all("axis")) {
-    if (axis->has("units_per_deg") && axis->number("units_per_deg") == 0)
-      findings.error(axis->at("units_per_deg"), "units_per_deg is 0; the axis would never move");
+    check_scale(*axis, "units", findings);
     if (!axis->has("letter")) continue;
     const auto [at, first] = letters.emplace(axis->text("letter"), axis);
     if (!first)

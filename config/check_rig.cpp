@@ -8,6 +8,7 @@
 #include <set>
 
 #include "config/check_backends.h"
+#include "config/descriptions.h"
 #include "config/suggest.h"
 
 namespace lightrig {
@@ -61,7 +62,23 @@ void check_pose(const Section& s, Findings& findings) {
                    "camera.up points along the line of sight; the image has no upper side");
 }
 
+void check_lens(const Section& s, Findings& findings) {
+  if (!s.has("projection") || s.text("projection") != "perspective") return;
+  const bool calibrated = s.given_key("calibration");
+  if (!calibrated && !s.given_key("fx_px"))
+    findings.error(s.place,
+                   "[camera] lacks fx_px (number, > 0 px), focal length over pixel pitch, or "
+                   "calibration, a file that `lightrig calibrate camera` wrote; one of them is "
+                   "needed because projection is \"perspective\"");
+  for (const char* key : {"fx_px", "fy_px", "cx_px", "cy_px", "distortion"})
+    if (calibrated && s.given_key(key))
+      findings.error(s.at(key), fmt::format("camera.{} conflicts with calibration (line {}), which "
+                                            "states it too",
+                                            key, s.at("calibration").line));
+}
+
 void check_camera(const Section& s, Findings& findings) {
+  check_lens(s, findings);
   if (const Section* sensor = s.find("sensor")) check_sensor(*sensor, findings);
   check_pose(s, findings);
   for (const auto& [key, size] : {std::pair("cx_px", "width_px"), std::pair("cy_px", "height_px")})
@@ -79,21 +96,82 @@ void check_camera(const Section& s, Findings& findings) {
 
 constexpr double in_degrees = 1 / units::degree;
 
+// How an axis writes its numbers.
+struct AxisUnit {
+  std::string min = "min_deg", max = "max_deg", home = "home_deg", tolerance = "tolerance_deg";
+  double scale = in_degrees;
+  const char* unit = "°";
+};
+AxisUnit unit_of(const Section& axis) {
+  const auto linear = linear_axes();
+  const bool slides =
+      axis.has("name") && std::ranges::find(linear, axis.text("name")) != linear.end();
+  if (!slides) return {};
+  return {"min_mm", "max_mm", "home_mm", "tolerance_mm", 1e3, " mm"};
+}
+
 void check_axis(const Section& axis, Findings& findings) {
-  if (!axis.has("min_deg") || !axis.has("max_deg")) return;
-  const double least = axis.number("min_deg"), most = axis.number("max_deg");
+  const AxisUnit u = unit_of(axis);
+  if (!axis.has(u.min) || !axis.has(u.max)) return;
+  const double least = axis.number(u.min), most = axis.number(u.max);
   const std::string name = axis.has("name") ? axis.text("name") : axis.path;
   if (least >= most) {
-    findings.error(axis.at("max_deg"),
-                   fmt::format("{}: max_deg is {:g}°; it must be greater than min_deg, {:g}°", name,
-                               most * in_degrees, least * in_degrees));
+    findings.error(axis.at(u.max),
+                   fmt::format("{}: {} is {:g}{}; it must be greater than {}, {:g}{}", name, u.max,
+                               most * u.scale, u.unit, u.min, least * u.scale, u.unit));
     return;
   }
-  if (axis.has("home_deg") && (axis.number("home_deg") < least || axis.number("home_deg") > most))
+  if (axis.has(u.home) && (axis.number(u.home) < least || axis.number(u.home) > most))
+    findings.error(axis.at(u.home),
+                   fmt::format("{}: {} is {:g}{}, outside the travel {:g} … {:g}{}", name, u.home,
+                               axis.number(u.home) * u.scale, u.unit, least * u.scale,
+                               most * u.scale, u.unit));
+}
+
+void check_tolerance(const Section& gantry, const Section& axis, Findings& findings) {
+  const AxisUnit u = unit_of(axis);
+  if (!gantry.has(u.tolerance) || !axis.has(u.min) || !axis.has(u.max)) return;
+  const double travel = axis.number(u.max) - axis.number(u.min);
+  if (travel > 0 && gantry.number(u.tolerance) >= travel)
     findings.error(
-        axis.at("home_deg"),
-        fmt::format("{}: home_deg is {:g}°, outside the travel {:g} … {:g}°", name,
-                    axis.number("home_deg") * in_degrees, least * in_degrees, most * in_degrees));
+        gantry.at(u.tolerance),
+        fmt::format("gantry.{} is {:g}{}, as much as the whole travel of "
+                    "{}: every move would have arrived",
+                    u.tolerance, gantry.number(u.tolerance) * u.scale, u.unit, axis.text("name")));
+}
+
+// "a dome needs …", "a turntable needs …"
+std::string with_article_of(const std::string& kinematics) {
+  if (kinematics == "dome" || kinematics == "turntable") return fmt::format("a {}", kinematics);
+  return kinematics == "lamps" ? std::string("a set of fixed lamps")
+                               : fmt::format("a {} gantry", kinematics);
+}
+
+void check_kinematics(const Section& gantry, const std::map<std::string, const Section*>& seen,
+                      Findings& findings) {
+  const std::string& kind = gantry.text("kinematics");
+  const std::vector<std::string> axes = axes_of_kinematics(kind);
+  for (const auto& [name, axis] : seen)
+    if (std::ranges::find(axes, name) == axes.end())
+      findings.error(
+          axis->at("name"),
+          fmt::format("{} has no axis \"{}\"{}", with_article_of(kind), name,
+                      axes.empty() ? "; nothing of it moves"
+                                   : fmt::format("; it has: {}", fmt::join(axes, ", "))));
+  const bool table = kind == "turntable";
+  for (const std::string& name : axes) {
+    if (seen.contains(name)) continue;
+    if (!table || name == "turn")
+      findings.error(gantry.place,
+                     fmt::format("{} needs an axis \"{}\": add a [[gantry.axis]] table",
+                                 with_article_of(kind), name));
+    else if (!gantry.has("lamp_elevation_deg"))
+      findings.error(gantry.place,
+                     "a turntable whose lamp has no axis \"elevation\" needs lamp_elevation_deg");
+  }
+  if (table && seen.contains("elevation") && gantry.given_key("lamp_elevation_deg"))
+    findings.error(gantry.at("lamp_elevation_deg"),
+                   "the lamp's elevation is given, but is an axis too; leave one of them out");
 }
 
 void check_axes(const Section& gantry, Findings& findings) {
@@ -106,21 +184,79 @@ void check_axes(const Section& gantry, Findings& findings) {
       findings.error(axis->at("name"), fmt::format("axis \"{}\" is described twice; the first is "
                                                    "in line {}",
                                                    axis->text("name"), at->second->place.line));
-    if (gantry.has("tolerance_deg") && axis->has("min_deg") && axis->has("max_deg")) {
-      const double travel = axis->number("max_deg") - axis->number("min_deg");
-      if (travel > 0 && gantry.number("tolerance_deg") >= travel)
-        findings.error(
-            gantry.at("tolerance_deg"),
-            fmt::format("gantry.tolerance_deg is {:g}°, as much as the whole travel of "
-                        "{}: every move would have arrived",
-                        gantry.number("tolerance_deg") * in_degrees, axis->text("name")));
-    }
+    check_tolerance(gantry, *axis, findings);
   }
-  if (!gantry.has("kinematics") || seen.empty()) return;
-  for (const char* name : {"azimuth", "elevation"})
-    if (!seen.contains(name))
-      findings.error(gantry.place,
-                     fmt::format("a dome needs an axis \"{}\": add a [[gantry.axis]] table", name));
+  if (gantry.has("kinematics") && !seen.empty()) check_kinematics(gantry, seen, findings);
+}
+
+void check_solid(const Section& body, Findings& findings) {
+  if (body.has("boom_direction") && body.vector3("boom_direction").norm() < 1e-9)
+    findings.error(body.at("boom_direction"),
+                   "gantry.body.boom_direction is zero; it must be a "
+                   "direction");
+  if (body.has("camera_length_m") && body.number("camera_length_m") > 0 &&
+      body.has("camera_radius_m") && !(body.number("camera_radius_m") > 0))
+    findings.error(body.at("camera_length_m"),
+                   "gantry.body.camera_length_m goes with a camera_radius_m above 0");
+}
+
+void check_emission(const Section& lamp, Findings& findings) {
+  if (!lamp.has("emission_angles_deg") || !lamp.has("emission_relative")) return;
+  const std::vector<double> angles = lamp.numbers("emission_angles_deg");
+  const std::vector<double> values = lamp.numbers("emission_relative");
+  if (angles.size() != values.size())
+    findings.error(lamp.at("emission_relative"),
+                   fmt::format("lamp.emission_relative has {} values for {} angles", values.size(),
+                               angles.size()));
+  if (angles.front() != 0)
+    findings.error(lamp.at("emission_angles_deg", 0),
+                   "lamp.emission_angles_deg must begin with 0, the lamp's axis");
+  for (std::size_t i = 1; i < angles.size(); ++i)
+    if (!(angles[i] > angles[i - 1]))
+      findings.error(
+          lamp.at("emission_angles_deg", i),
+          fmt::format("lamp.emission_angles_deg[{}] is not greater than the one before", i + 1));
+  if (!(values.front() > 0))
+    findings.error(lamp.at("emission_relative", 0),
+                   "lamp.emission_relative is 0 along the axis, which strength_w_per_sr speaks of");
+}
+
+// What kind of gantry goes with what kind of lamp and candidates.
+void check_fit(const Section& root, const Section& gantry, Findings& findings) {
+  if (!gantry.has("kinematics")) return;
+  const std::string& kind = gantry.text("kinematics");
+  const Section* lamp = root.find("lamp");
+  const bool cartesian = kind.starts_with("cartesian");
+  if (lamp != nullptr && cartesian && lamp->has("kind") && lamp->text("kind") == "distant")
+    findings.error(lamp->at("kind"),
+                   "a lamp on linear axes has no direction of its own; it is "
+                   "\"near\"");
+  if (gantry.has("backend") && (gantry.text("backend") == "lamps") != (kind == "lamps") &&
+      gantry.text("backend") != "simulated")
+    findings.error(gantry.at("backend"),
+                   "backend \"lamps\" and kinematics \"lamps\" go together, or with backend "
+                   "\"simulated\"");
+  const Section* wires = lamp == nullptr ? nullptr : lamp->find("modbus");
+  if (gantry.has("backend") && gantry.text("backend") == "lamps" && lamp != nullptr &&
+      (wires == nullptr || !wires->has("coil")))
+    findings.error(lamp->place, "fixed lamps need [lamp.modbus] with the coil of the first one");
+  const Section* candidates = root.find("candidates");
+  if (candidates == nullptr || !candidates->has("rule")) return;
+  const std::string& rule = candidates->text("rule");
+  if (kind == "turntable" && rule == "fibonacci")
+    findings.error(candidates->given ? candidates->place : gantry.at("kinematics"),
+                   "every turn of the object is another view, which has to be looked at: a "
+                   "turntable's candidates need rule \"grid\" or \"list\"");
+  if (cartesian && rule == "fibonacci" && !candidates->has("sphere_radius_m"))
+    findings.error(candidates->given ? candidates->place : gantry.at("kinematics"),
+                   "candidates on linear axes need rule \"grid\" or \"list\", or a "
+                   "sphere_radius_m for \"fibonacci\"");
+  if (rule != "grid" || !candidates->has("steps") || kind == "lamps") return;
+  const std::size_t wanted = cartesian ? 3 : gantry.all("axis").size();
+  if (candidates->integers("steps").size() != wanted)
+    findings.error(candidates->at("steps"),
+                   fmt::format("candidates.steps has {} numbers for {} axes",
+                               candidates->integers("steps").size(), wanted));
 }
 
 void check_lamp(const Section& root, Findings& findings) {
@@ -160,10 +296,25 @@ void check_candidates(const Section& s, Findings& findings) {
 
 }  // namespace
 
+std::vector<std::string> axes_of_kinematics(const std::string& kinematics) {
+  if (kinematics == "dome") return {"azimuth", "elevation"};
+  if (kinematics == "cartesian") return {"x", "y", "z"};
+  if (kinematics == "cartesian_aimed") return {"x", "y", "z", "pan", "tilt"};
+  if (kinematics == "turntable") return {"turn", "elevation"};
+  return {};  // fixed lamps
+}
+
 void check_rig(const Section& root, const ControllerProfile* profile, Findings& findings) {
   if (const Section* camera = root.find("camera")) check_camera(*camera, findings);
-  if (const Section* gantry = root.find("gantry")) check_axes(*gantry, findings);
-  if (root.find("lamp") != nullptr) check_lamp(root, findings);
+  if (const Section* gantry = root.find("gantry")) {
+    check_axes(*gantry, findings);
+    if (const Section* body = gantry->find("body")) check_solid(*body, findings);
+    check_fit(root, *gantry, findings);
+  }
+  if (const Section* lamp = root.find("lamp")) {
+    check_lamp(root, findings);
+    check_emission(*lamp, findings);
+  }
   check_backends(root, profile, findings);
   for (const Section* volume : root.all("keep_out")) check_keep_out(*volume, findings);
   if (const Section* candidates = root.find("candidates")) check_candidates(*candidates, findings);

@@ -2,6 +2,8 @@
 
 #include <limits>
 #include <span>
+#include <string>
+#include <vector>
 
 #include "config/controller_profile.h"
 #include "config/rig.h"
@@ -13,6 +15,9 @@ namespace lightrig {
 /// that the controller does not have. `root` is a rig file as read; `profile` is the controller
 /// profile it names, or nullptr where there is none or it could not be read.
 void check_rig(const Section& root, const ControllerProfile* profile, Findings& findings);
+
+/// Axes that this kind of kinematics may have, in the order of GantryPosition.
+std::vector<std::string> axes_of_kinematics(const std::string& kinematics);
 
 /// Exposures that the camera can take [s].
 struct ExposureRange {

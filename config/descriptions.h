@@ -1,5 +1,6 @@
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "config/key_spec.h"
@@ -17,6 +18,19 @@ TableSpec camera_table();
 TableSpec gantry_table();
 TableSpec lamp_table();
 std::vector<TableSpec> session_tables();  ///< [object] … [session]; a rig file may hold them too
+
+TableSpec axis_table();  ///< [[gantry.axis]]
+TableSpec body_table();  ///< [gantry.body]
+
+/// Names that axes may have.
+std::vector<std::string> rotary_axes();
+std::vector<std::string> linear_axes();
+std::vector<std::string> axis_names();
+
+/// A key of a rotary axis and the same of a linear one, told apart by the axis' name in `name_key`.
+std::vector<KeySpec> both_units(const std::string& name_key, const KeySpec& rotary,
+                                const std::string& linear_name, const Unit& linear_unit,
+                                const Range& linear_range);
 
 /// host, port | device, baud, …: how a Modbus unit is reached; give `endpoint_choice` too.
 std::vector<KeySpec> endpoint_keys();

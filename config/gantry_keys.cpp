@@ -61,46 +61,6 @@ std::vector<KeySpec> endpoint_keys() {
 
 namespace {
 
-const std::vector<std::string> dome_axes = {"azimuth", "elevation"};
-
-TableSpec axis_table() {
-  TableSpec t{.name = "axis",
-              .repeat = Repeat::list,
-              .doc = "One motorised axis; a dome has \"azimuth\" and \"elevation\"."};
-  t.keys = {
-      {.name = "name",
-       .kind = ValueKind::choice,
-       .choices = dome_axes,
-       .doc = "Which axis this is."},
-      {.name = "min_deg",
-       .unit = units::deg,
-       .range = {-720, 720},
-       .doc = "Least position that any command may ask for.",
-       .why = "a wrong limit breaks the rig"},
-      {.name = "max_deg",
-       .unit = units::deg,
-       .range = {-720, 720},
-       .doc = "Greatest position that any command may ask for.",
-       .why = "a wrong limit breaks the rig"},
-      {.name = "max_speed_deg_per_s",
-       .unit = units::deg_per_s,
-       .range = {0, 3600, true},
-       .doc = "Greatest speed of any move.",
-       .why = "too fast a move can hurt people and the rig"},
-      {.name = "max_acceleration_deg_per_s2",
-       .unit = units::deg_per_s2,
-       .range = {0, 36000, true},
-       .doc = "Greatest acceleration of any move.",
-       .why = "it depends on the mass that the axis carries"},
-      {.name = "home_deg",
-       .unit = units::deg,
-       .range = {-720, 720},
-       .doc = "Position of the axis after homing.",
-       .why = "it depends on where the switch sits"},
-  };
-  return t;
-}
-
 TableSpec modbus_table() {
   TableSpec drive{.name = "drive",
                   .repeat = Repeat::list,
@@ -108,28 +68,36 @@ TableSpec modbus_table() {
   drive.keys = {
       {.name = "axis",
        .kind = ValueKind::choice,
-       .choices = dome_axes,
+       .choices = axis_names(),
        .doc = "The axis it moves."},
       {.name = "unit",
        .kind = ValueKind::integer,
        .range = {1, 247},
        .doc = "Modbus unit (slave) number of the drive."},
-      {.name = "counts_per_deg",
-       .unit = units::per_deg,
-       .range = {-1e9, 1e9},
-       .doc = "Drive counts per degree of the axis, gears included; negative turns the sense.",
-       .why = "it decides where the lamp goes"},
-      {.name = "zero_deg",
-       .unit = units::deg,
-       .range = {-720, 720},
-       .need = Need::defaulted,
-       .fallback = "0",
-       .doc = "Position of the axis where the drive says 0 counts."},
       {.name = "counts_per_rev",
        .range = {0, 1e9, true},
        .need = Need::optional,
        .doc = "Counts per turn of the motor; needed where the profile gives speeds in rpm."},
   };
+  for (KeySpec& key :
+       both_units("axis",
+                  {.name = "counts_per_deg",
+                  .unit = units::per_deg,
+                  .range = {-1e9, 1e9},
+                  .doc = "Drive counts per degree (per millimetre) of the axis, gears included; "
+                         "negative turns the sense.",
+                  .why = "it decides where the lamp goes"},
+                  "counts_per_mm", units::per_mm, {-1e9, 1e9}))
+    drive.keys.push_back(std::move(key));
+  for (KeySpec& key : both_units("axis",
+                                 {.name = "zero_deg",
+                                 .unit = units::deg,
+                                 .range = {-720, 720},
+                                 .need = Need::defaulted,
+                                 .fallback = "0",
+                                 .doc = "Position of the axis where the drive says 0 counts."},
+                                 "zero_mm", units::mm, {-1e5, 1e5}))
+    drive.keys.push_back(std::move(key));
   for (KeySpec& key : endpoint_keys()) drive.keys.push_back(std::move(key));
   drive.exactly_one = {{"host", "device"}};
   TableSpec t{.name = "modbus",
@@ -156,16 +124,21 @@ TableSpec grbl_table() {
                  .repeat = Repeat::list,
                  .doc = "How an axis is named and scaled in G-code; one per axis."};
   axis.keys = {
-      {.name = "axis", .kind = ValueKind::choice, .choices = dome_axes, .doc = "The axis."},
+      {.name = "axis", .kind = ValueKind::choice, .choices = axis_names(), .doc = "The axis."},
       {.name = "letter",
        .kind = ValueKind::choice,
        .choices = {"X", "Y", "Z", "A", "B", "C"},
        .doc = "Its letter in G-code."},
-      {.name = "units_per_deg",
-       .unit = units::per_deg,
-       .range = {-1e6, 1e6},
-       .doc = "GRBL's millimetres (or degrees) per degree of the axis; negative turns the sense."},
   };
+  for (KeySpec& key :
+       both_units("axis",
+                  {.name = "units_per_deg",
+                  .unit = units::per_deg,
+                  .range = {-1e6, 1e6},
+                  .doc = "GRBL's millimetres (or degrees) per degree (per millimetre) of the axis; "
+                         "negative turns the sense."},
+                  "units_per_mm", units::per_mm, {-1e6, 1e6}))
+    axis.keys.push_back(std::move(key));
   TableSpec t{.name = "grbl",
               .when = Condition{"backend", {"grbl"}},
               .doc = "A GRBL 1.1 or grblHAL controller, over USB or a serial port."};
@@ -209,52 +182,6 @@ TableSpec grbl_table() {
   return t;
 }
 
-TableSpec gantry_lamp_table() {
-  TableSpec t{.name = "gantry",
-              .when = Condition{"backend", {"gantry"}},
-              .doc = "A lamp on an output of the gantry's own controller."};
-  t.keys = {{.name = "output",
-             .kind = ValueKind::text,
-             .doc = "Modbus: an output of the controller profile. GRBL: \"spindle\", \"flood\" or "
-                    "\"mist\"."}};
-  return t;
-}
-
-TableSpec modbus_lamp_table() {
-  TableSpec t{.name = "modbus",
-              .when = Condition{"backend", {"modbus"}},
-              .doc = "A lamp on a Modbus unit of its own."};
-  t.keys = endpoint_keys();
-  const std::vector<KeySpec> own = {
-      {.name = "unit", .kind = ValueKind::integer, .range = {1, 247}, .doc = "Modbus unit number."},
-      {.name = "coil",
-       .kind = ValueKind::integer,
-       .range = {0, 65535},
-       .need = Need::optional,
-       .doc = "Address of the coil that switches it."},
-      {.name = "holding",
-       .kind = ValueKind::integer,
-       .range = {0, 65535},
-       .need = Need::optional,
-       .doc = "Address of the register that dims it."},
-      {.name = "full_scale",
-       .kind = ValueKind::integer,
-       .range = {1, 65535},
-       .when = Condition{"holding", {}},
-       .doc = "Register value of power 1."},
-      {.name = "timeout_ms",
-       .kind = ValueKind::integer,
-       .unit = units::ms,
-       .range = {1, 60000},
-       .need = Need::defaulted,
-       .fallback = "500",
-       .doc = "Longest wait for one answer."},
-  };
-  t.keys.insert(t.keys.end(), own.begin(), own.end());
-  t.exactly_one = {{"host", "device"}, {"coil", "holding"}};
-  return t;
-}
-
 }  // namespace
 
 TableSpec gantry_table() {
@@ -263,21 +190,59 @@ TableSpec gantry_table() {
   t.keys = {
       {.name = "kinematics",
        .kind = ValueKind::choice,
-       .choices = {"dome"},
+       .choices = {"dome", "cartesian", "cartesian_aimed", "turntable", "lamps"},
        .doc =
            "\"dome\": position = centre + radius (cos e cos a, cos e sin a, sin e), lamp aimed at "
-           "the centre."},
+           "the centre. \"cartesian\": position = origin + (x, y, z), lamp in a fixed direction; "
+           "\"cartesian_aimed\": a head of pan and tilt on it, aimed at the centre. "
+           "\"turntable\": the object turns about the vertical through the centre, "
+           "counter-clockwise "
+           "seen from above; camera and lamp stand, or the lamp's elevation moves. \"lamps\": "
+           "fixed "
+           "lamps switched one at a time; nothing moves."},
       {.name = "centre_m",
        .kind = ValueKind::vector3,
        .unit = units::m,
        .range = {-1e3, 1e3},
        .need = Need::defaulted,
        .fallback = "[0, 0, 0]",
-       .doc = "Centre of the dome."},
+       .when = Condition{"kinematics", {"dome", "cartesian_aimed", "turntable", "lamps"}},
+       .doc = "Centre of the dome or of the table; what lamps are aimed at."},
       {.name = "radius_m",
        .unit = units::m,
        .range = {0, 100, true},
-       .doc = "Distance of the lamp's emitting centre from the dome's centre."},
+       .when = Condition{"kinematics", {"dome", "turntable"}},
+       .doc = "Distance of the lamp's emitting centre from the centre."},
+      {.name = "origin_m",
+       .kind = ValueKind::vector3,
+       .unit = units::m,
+       .range = {-1e3, 1e3},
+       .when = Condition{"kinematics", {"cartesian", "cartesian_aimed"}},
+       .doc = "Where the lamp's emitting centre is at x = y = z = 0."},
+      {.name = "lamp_direction",
+       .kind = ValueKind::vector3,
+       .range = {-1e4, 1e4},
+       .need = Need::defaulted,
+       .fallback = "[0, 0, -1]",
+       .when = Condition{"kinematics", {"cartesian"}},
+       .doc = "Where the lamp's axis points."},
+      {.name = "lamp_azimuth_deg",
+       .unit = units::deg,
+       .range = {-360, 360},
+       .when = Condition{"kinematics", {"turntable"}},
+       .doc = "Azimuth of the lamp, from x towards y."},
+      {.name = "lamp_elevation_deg",
+       .unit = units::deg,
+       .range = {-90, 90},
+       .need = Need::optional,
+       .when = Condition{"kinematics", {"turntable"}},
+       .doc = "Elevation of the lamp; needed where it has no axis \"elevation\"."},
+      {.name = "lamps_m",
+       .kind = ValueKind::vectors,
+       .unit = units::m,
+       .range = {-1e3, 1e3},
+       .when = Condition{"kinematics", {"lamps"}},
+       .doc = "Emitting centres of the fixed lamps, in the order of their switches."},
       {.name = "settle_s",
        .unit = units::s,
        .range = {0, 600},
@@ -286,7 +251,14 @@ TableSpec gantry_table() {
       {.name = "tolerance_deg",
        .unit = units::deg,
        .range = {0, 10, true},
-       .doc = "A move has arrived when every axis is within this of its target.",
+       .when = Condition{"kinematics", {"dome", "cartesian_aimed", "turntable"}},
+       .doc = "A move has arrived when every rotary axis is within this of its target.",
+       .why = "it decides which frames are believed"},
+      {.name = "tolerance_mm",
+       .unit = units::mm,
+       .range = {0, 100, true},
+       .when = Condition{"kinematics", {"cartesian", "cartesian_aimed"}},
+       .doc = "And every linear axis within this.",
        .why = "it decides which frames are believed"},
       {.name = "move_time_factor",
        .range = {1, 100},
@@ -309,64 +281,11 @@ TableSpec gantry_table() {
        .doc = "Homing fails after this long."},
       {.name = "backend",
        .kind = ValueKind::choice,
-       .choices = {"modbus", "grbl", "simulated"},
-       .doc = "How the gantry is reached; \"simulated\" exists only under --simulate."},
+       .choices = {"modbus", "grbl", "lamps", "simulated"},
+       .doc = "How the gantry is reached. \"lamps\": there is none to reach, fixed lamps hang on "
+              "the coils of [lamp.modbus]. \"simulated\" exists only under --simulate."},
   };
-  t.tables = {axis_table(), modbus_table(), grbl_table()};
-  return t;
-}
-
-TableSpec lamp_table() {
-  TableSpec t{
-      .name = "lamp",
-      .doc = "The lamp: how strong, how far away, how long it may burn, how it is switched."};
-  t.keys = {
-      {.name = "kind",
-       .kind = ValueKind::choice,
-       .choices = {"near", "distant"},
-       .doc =
-           "\"near\": a point at the dome's radius, inverse square. \"distant\": as if infinitely "
-           "far in its direction."},
-      {.name = "strength_w_per_sr",
-       .kind = ValueKind::channels,
-       .unit = units::w_per_sr,
-       .range = positive,
-       .when = Condition{"kind", {"near"}},
-       .doc = "Radiant intensity towards the object at power 1."},
-      {.name = "strength_w_per_m2",
-       .kind = ValueKind::channels,
-       .unit = units::w_per_m2,
-       .range = positive,
-       .when = Condition{"kind", {"distant"}},
-       .doc = "Irradiance on a surface facing the lamp at power 1."},
-      {.name = "absolute_scale",
-       .kind = ValueKind::boolean,
-       .need = Need::defaulted,
-       .fallback = "false",
-       .doc = "Strength and sensor response are calibrated; else the result's scale is called "
-              "nominal."},
-      {.name = "max_power",
-       .range = fraction,
-       .doc = "The most power any command may ask for.",
-       .why = "too much can burn a sample or the lamp"},
-      {.name = "power", .range = {0, 1, true}, .doc = "Power used for capture."},
-      {.name = "warm_up_s",
-       .unit = units::s,
-       .range = {0, 7200},
-       .need = Need::defaulted,
-       .fallback = "0",
-       .doc = "On for so long before the first exposure."},
-      {.name = "max_on_time_s",
-       .unit = units::s,
-       .range = {0, 86400, true},
-       .doc = "The lease: dark after this long without being renewed.",
-       .why = "it decides how long a lamp burns when the program has died"},
-      {.name = "backend",
-       .kind = ValueKind::choice,
-       .choices = {"gantry", "modbus", "simulated"},
-       .doc = "How the lamp is switched; \"simulated\" exists only under --simulate."},
-  };
-  t.tables = {gantry_lamp_table(), modbus_lamp_table()};
+  t.tables = {axis_table(), body_table(), modbus_table(), grbl_table()};
   return t;
 }
 

@@ -24,6 +24,8 @@ inline constexpr Unit mm{"_mm", "mm", 1e-3};
 inline constexpr Unit deg{"_deg", "°", degree};
 inline constexpr Unit deg_per_s{"_deg_per_s", "°/s", degree};
 inline constexpr Unit deg_per_s2{"_deg_per_s2", "°/s²", degree};
+inline constexpr Unit mm_per_s{"_mm_per_s", "mm/s", 1e-3};
+inline constexpr Unit mm_per_s2{"_mm_per_s2", "mm/s²", 1e-3};
 inline constexpr Unit s{"_s", "s", 1};
 inline constexpr Unit ms{"_ms", "ms", 1e-3};
 inline constexpr Unit minutes{"minutes", "min", 60};
@@ -42,6 +44,7 @@ inline constexpr Unit w_per_m2{"_w_per_m2", "W/m²", 1};
 inline constexpr Unit radiance{"_w_per_m2_sr", "W m⁻² sr⁻¹", 1};
 inline constexpr Unit per_sr{"_per_sr", "1/sr", 1};
 inline constexpr Unit per_deg{"_per_deg", "1/°", 1 / degree};
+inline constexpr Unit per_mm{"_per_mm", "1/mm", 1e3};
 }  // namespace units
 
 enum class ValueKind : std::uint8_t {

@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "config/calibration_file.h"
 #include "config/check_rig.h"
+#include "config/descriptions.h"
 #include "core/check.h"
 
 namespace lightrig {
@@ -26,7 +28,8 @@ CameraModel make_camera_model(const Section& s) {
   m.height = s.integer("height_px");
   m.projection = chosen<CameraModel::Projection>(s, "projection");
   if (m.projection == CameraModel::Projection::perspective) {
-    m.fx = s.number("fx_px");
+    // What a calibration states is put in once its file is read; till then 1 stands for it.
+    m.fx = s.has("fx_px") ? s.number("fx_px") : 1;
     m.fy = s.has("fy_px") ? s.number("fy_px") : m.fx;
     const std::vector<double> distortion = s.numbers("distortion");
     std::ranges::copy(distortion, m.distortion.begin());
@@ -75,6 +78,11 @@ CameraConfig make_camera(const Section& s) {
   c.model = make_camera_model(s);
   c.sensor = make_sensor(s.table("sensor"));
   c.readout_time = s.number("readout_ms");
+  c.demosaic = s.table("sensor").boolean("demosaic");
+  if (s.has("lens_cone_deg")) c.lens_cone = s.number("lens_cone_deg");
+  // A stored session's rig may name a file that has gone; its copy is applied instead.
+  if (s.given_key("calibration") && !apply_camera_calibration(s.file("calibration"), c))
+    c.calibration = s.file("calibration");
   if (const Section* aravis = s.find("aravis")) c.backend = make_aravis(*aravis);
   return c;
 }
@@ -103,28 +111,36 @@ const Section& of_axis(const std::vector<const Section*>& tables, const std::str
   return **at;
 }
 
-const std::vector<std::string> dome_axes = {"azimuth", "elevation"};
+// What a key of this axis is called: "min_deg" of a rotary one is "min_mm" of a linear one.
+std::string in_unit_of(const std::string& axis, std::string rotary_key) {
+  if (std::ranges::count(linear_axes(), axis) == 0) return rotary_key;
+  for (auto at = rotary_key.find("deg"); at != std::string::npos; at = rotary_key.find("deg"))
+    rotary_key.replace(at, 3, "mm");
+  return rotary_key;
+}
 
-ModbusGantry make_modbus(const Section& s, const ControllerProfile* profile) {
+ModbusGantry make_modbus(const Section& s, const GantryModel& model,
+                         const ControllerProfile* profile) {
   ModbusGantry g;
   g.profile = s.file("profile");
   if (profile != nullptr) g.controller = *profile;
   g.timeout = milliseconds(s, "timeout_ms");
-  for (const std::string& axis : dome_axes) {
+  for (const Axis& of_model : model.axes) {
+    const std::string& axis = of_model.name;
     const Section& drive = of_axis(s.all("drive"), "axis", axis);
     ModbusDrive d;
     d.axis = axis;
     d.unit = drive.integer("unit");
     d.endpoint = make_endpoint(drive, g.controller.serial);
-    d.counts_per_si = drive.number("counts_per_deg");
-    d.zero = drive.number("zero_deg");
+    d.counts_per_si = drive.number(in_unit_of(axis, "counts_per_deg"));
+    d.zero = drive.number(in_unit_of(axis, "zero_deg"));
     d.counts_per_rev = drive.has("counts_per_rev") ? drive.number("counts_per_rev") : 0;
     g.drives.push_back(std::move(d));
   }
   return g;
 }
 
-GrblGantry make_grbl(const Section& s) {
+GrblGantry make_grbl(const Section& s, const GantryModel& model) {
   GrblGantry g;
   if (s.given_key("usb_vendor")) {
     UsbEndpoint e;
@@ -140,10 +156,11 @@ GrblGantry make_grbl(const Section& s) {
     g.endpoint = e;
   }
   g.timeout = milliseconds(s, "timeout_ms");
-  for (const std::string& axis : dome_axes) {
+  for (const Axis& of_model : model.axes) {
+    const std::string& axis = of_model.name;
     const Section& one = of_axis(s.all("axis"), "axis", axis);
     g.letters.push_back(one.text("letter")[0]);
-    g.units_per_si.push_back(one.number("units_per_deg"));
+    g.units_per_si.push_back(one.number(in_unit_of(axis, "units_per_deg")));
   }
   return g;
 }
@@ -151,28 +168,103 @@ GrblGantry make_grbl(const Section& s) {
 Axis make_axis(const Section& s) {
   Axis a;
   a.name = s.text("name");
-  a.rotary = true;
-  a.min = s.number("min_deg");
-  a.max = s.number("max_deg");
-  a.max_speed = s.number("max_speed_deg_per_s");
-  a.max_acceleration = s.number("max_acceleration_deg_per_s2");
-  a.home = s.number("home_deg");
+  const auto value = [&](const char* key) { return s.number(in_unit_of(a.name, key)); };
+  a.rotary = std::ranges::count(linear_axes(), a.name) == 0;
+  a.min = value("min_deg");
+  a.max = value("max_deg");
+  a.max_speed = value("max_speed_deg_per_s");
+  a.max_acceleration = value("max_acceleration_deg_per_s2");
+  a.home = value("home_deg");
   return a;
+}
+
+Kinematics make_kinematics(const Section& s) {
+  const std::string& kind = s.text("kinematics");
+  if (kind == "dome") return DomeKinematics{s.vector3("centre_m"), s.number("radius_m")};
+  if (kind == "cartesian")
+    return CartesianKinematics{s.vector3("origin_m"), s.vector3("lamp_direction").normalized(),
+                               false, Eigen::Vector3d::Zero()};
+  if (kind == "cartesian_aimed")
+    return CartesianKinematics{s.vector3("origin_m"), -Eigen::Vector3d::UnitZ(), true,
+                               s.vector3("centre_m")};
+  if (kind == "lamps") return FixedLampsKinematics{s.vectors("lamps_m"), s.vector3("centre_m")};
+  TurntableKinematics table;
+  table.centre = s.vector3("centre_m");
+  table.radius = s.number("radius_m");
+  table.azimuth = s.number("lamp_azimuth_deg");
+  table.elevation = s.has("lamp_elevation_deg") ? s.number("lamp_elevation_deg") : 0;
+  table.arm = std::ranges::any_of(
+      s.all("axis"), [](const Section* axis) { return axis->text("name") == "elevation"; });
+  return table;
+}
+
+// Fixed lamps have one axis that nothing moves: which of them is lit.
+Axis lamp_selector(std::size_t lamps) {
+  Axis a;
+  a.name = "lamp";
+  a.rotary = false;
+  a.selector = true;
+  a.max = static_cast<double>(lamps) - 1;
+  a.max_speed = a.max_acceleration = 1;
+  return a;
+}
+
+std::vector<Axis> make_axes(const Section& s, const Kinematics& kinematics) {
+  if (const auto* fixed = std::get_if<FixedLampsKinematics>(&kinematics))
+    return {lamp_selector(fixed->lamps.size())};
+  std::vector<Axis> axes;
+  for (const std::string& name : axes_of_kinematics(s.text("kinematics"))) {
+    const auto& tables = s.all("axis");
+    const bool given =
+        std::ranges::any_of(tables, [&](const Section* t) { return t->text("name") == name; });
+    if (given) axes.push_back(make_axis(of_axis(tables, "name", name)));
+  }
+  return axes;
+}
+
+GantrySolid make_solid(const Section& s) {
+  GantrySolid solid;
+  solid.body.lamp_radius = s.number("lamp_radius_m");
+  solid.body.boom_length = s.number("boom_length_m");
+  solid.body.boom_radius = s.number("boom_radius_m");
+  solid.body.boom_direction = s.vector3("boom_direction").normalized();
+  if (s.has("mast_foot_m")) solid.body.mast_foot = s.vector3("mast_foot_m");
+  solid.margin = s.number("margin_m");
+  if (s.has("floor_m")) solid.floor = s.number("floor_m");
+  solid.camera_radius = s.number("camera_radius_m");
+  solid.camera_length = s.number("camera_length_m");
+  return solid;
+}
+
+EmissionLobe make_lobe(const Section& lamp) {
+  EmissionLobe lobe;
+  if (lamp.text("kind") != "near") return lobe;
+  if (lamp.text("emission") == "cosine_power") lobe.exponent = lamp.number("emission_exponent");
+  if (lamp.text("emission") == "table") {
+    lobe.angle = lamp.numbers("emission_angles_deg");
+    lobe.intensity = lamp.numbers("emission_relative");
+    const double on_axis = lobe.intensity.front();
+    for (double& value : lobe.intensity) value /= on_axis;
+  }
+  return lobe;
 }
 
 GantryConfig make_gantry(const Section& s, const Section& lamp, const ControllerProfile* profile) {
   GantryConfig g;
-  g.model.kinematics = DomeKinematics{s.vector3("centre_m"), s.number("radius_m")};
-  for (const std::string& axis : dome_axes)
-    g.model.axes.push_back(make_axis(of_axis(s.all("axis"), "name", axis)));
+  g.model.kinematics = make_kinematics(s);
+  g.model.axes = make_axes(s, g.model.kinematics);
   g.model.distant_lamp = lamp.text("kind") == "distant";
+  g.model.lobe = make_lobe(lamp);
   g.model.settle_time = s.number("settle_s");
-  g.model.tolerance = s.number("tolerance_deg");
+  if (s.has("tolerance_deg")) g.model.tolerance = s.number("tolerance_deg");
+  if (s.has("tolerance_mm")) g.model.linear_tolerance = s.number("tolerance_mm");
+  if (const Section* body = s.find("body")) g.solid = make_solid(*body);
   g.move_time_factor = s.number("move_time_factor");
   g.move_time_margin = milliseconds(s, "move_time_margin_ms");
   g.homing_timeout = milliseconds(s, "homing_timeout_ms");
-  if (const Section* modbus = s.find("modbus")) g.backend = make_modbus(*modbus, profile);
-  if (const Section* grbl = s.find("grbl")) g.backend = make_grbl(*grbl);
+  if (const Section* modbus = s.find("modbus")) g.backend = make_modbus(*modbus, g.model, profile);
+  if (const Section* grbl = s.find("grbl")) g.backend = make_grbl(*grbl, g.model);
+  if (s.text("backend") == "lamps") g.backend = FixedLampsGantry{};
   return g;
 }
 
@@ -180,6 +272,11 @@ LampConfig make_lamp(const Section& s) {
   LampConfig l;
   l.strength = s.channels(s.text("kind") == "near" ? "strength_w_per_sr" : "strength_w_per_m2");
   l.absolute_scale = s.boolean("absolute_scale");
+  if (s.given_key("white_reference")) {
+    l.white_reference = s.file("white_reference");
+    l.absolute_scale = true;
+    (void)apply_white_reference(l.white_reference, s.text("kind") == "near", l);
+  }
   l.max_power = s.number("max_power");
   l.power = s.number("power");
   l.warm_up = s.number("warm_up_s");
@@ -207,10 +304,13 @@ KeepOut make_keep_out(const Section& s) {
 CandidateRule make_candidates(const Section& s) {
   CandidateRule r;
   r.kind = chosen<CandidateRule::Kind>(s, "rule");
-  if (r.kind == CandidateRule::Kind::fibonacci)
+  if (r.kind == CandidateRule::Kind::fibonacci) {
     r.count = s.integer("count");
-  else
-    r.list = s.vectors("positions_m");
+    r.centre = s.vector3("sphere_centre_m");
+    if (s.has("sphere_radius_m")) r.radius = s.number("sphere_radius_m");
+  }
+  if (r.kind == CandidateRule::Kind::list) r.list = s.vectors("positions_m");
+  if (r.kind == CandidateRule::Kind::grid) r.steps = s.integers("steps");
   return r;
 }
 

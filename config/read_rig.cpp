@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "config/calibration_file.h"
 #include "config/check_rig.h"
 #include "config/descriptions.h"
 #include "config/documents.h"
@@ -49,6 +50,29 @@ void check_simulated_material(const Section& root, Findings& findings) {
                  did_you_mean(name, names));
 }
 
+// Calibrations that the rig names are read once to see that they can be.
+void check_calibrations(const Section& root, Findings& findings) {
+  const Section *camera = root.find("camera"), *lamp = root.find("lamp");
+  if (camera != nullptr && camera->has("calibration")) {
+    CameraConfig trial;
+    if (camera->has("width_px")) trial.model.width = camera->integer("width_px");
+    if (camera->has("height_px")) trial.model.height = camera->integer("height_px");
+    if (auto read = apply_camera_calibration(camera->file("calibration"), trial); !read)
+      findings.error(camera->at("calibration"),
+                     fmt::format("camera.calibration: \"{}\" {}",
+                                 camera->file("calibration").string(), read.error().message));
+  }
+  if (lamp != nullptr && lamp->has("white_reference") && lamp->has("kind")) {
+    LampConfig trial;
+    if (auto read = apply_white_reference(lamp->file("white_reference"),
+                                          lamp->text("kind") == "near", trial);
+        !read)
+      findings.error(lamp->at("white_reference"),
+                     fmt::format("lamp.white_reference: \"{}\" {}",
+                                 lamp->file("white_reference").string(), read.error().message));
+  }
+}
+
 std::vector<const Section*> pointers(const std::vector<Section>& sections) {
   std::vector<const Section*> all;
   for (const Section& s : sections) all.push_back(&s);
@@ -80,7 +104,10 @@ Read<Rig> read_rig_text(std::string text, const std::filesystem::path& path, Nam
     check_simulated_material(*root, findings);
     const std::vector<const Section*> tables = pointers(root->sections);
     check_session(tables, exposures_of(*root), findings);
-    if (named == NamedFiles::must_exist) check_named_files(tables, findings);
+    if (named == NamedFiles::must_exist) {
+      check_named_files(tables, findings);
+      check_calibrations(*root, findings);
+    }
     if (!findings.has_error()) {
       read.value = make_rig(*root, profile ? &*profile : nullptr);
       read.value->session_defaults = make_session(tables);

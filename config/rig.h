@@ -12,6 +12,7 @@
 #include "config/session_spec.h"
 #include "core/camera_model.h"
 #include "core/gantry_model.h"
+#include "core/keep_out.h"
 #include "core/sensor.h"
 
 namespace lightrig {
@@ -41,6 +42,9 @@ struct CameraConfig {
   CameraModel model;
   SensorModel sensor;
   CameraBackend backend;
+  bool demosaic = false;  ///< Bayer: every colour at every pixel rather than each at its own sites
+  std::optional<double> lens_cone;    ///< [rad] about the line of sight: a lamp within shines into
+                                      ///< the lens; absent: half the diagonal of view and 5°
   double readout_time = 0;            ///< [s] from end of exposure to frame in hand
   std::filesystem::path calibration;  ///< file the model was read from, "" if given inline
 };
@@ -87,11 +91,25 @@ struct GrblGantry {
   std::vector<double> units_per_si;  ///< (axes) GRBL millimetres (or degrees) per metre (or radian)
   std::chrono::milliseconds timeout{1000};
 };
+/// Fixed lamps on the coils of the lamp's own Modbus unit, the first on LampConfig's coil: "moving"
+/// is choosing which one the lamp's power goes to.
+struct FixedLampsGantry {};
 struct SimulatedGantry {};
-using GantryBackend = std::variant<SimulatedGantry, ModbusGantry, GrblGantry>;
+using GantryBackend = std::variant<SimulatedGantry, ModbusGantry, GrblGantry, FixedLampsGantry>;
+
+/// What is solid about the rig: the moving parts, and what they must not touch besides the
+/// keep-out volumes.
+struct GantrySolid {
+  GantryBody body;
+  double margin = 0;            ///< [m] least distance that lamp and arm keep from anything
+  std::optional<double> floor;  ///< [m] height of the floor, or of the table
+  double camera_radius = 0;     ///< [m] of a barrel about the line of sight, 0 for none …
+  double camera_length = 0;     ///< [m] … from the camera's centre backwards
+};
 
 struct GantryConfig {
   GantryModel model;
+  std::optional<GantrySolid> solid;  ///< absent: the lamp is a point
   GantryBackend backend;
   /// Deadline of a move = predicted move time × move_time_factor + move_time_margin.
   double move_time_factor = 1.5;
@@ -124,6 +142,8 @@ struct LampConfig {
       Eigen::Array3d::Ones();  ///< [W/sr] near, [W/m²] distant, per channel, at power 1
   bool absolute_scale =
       false;  ///< strength and response are calibrated; else the result's scale is nominal
+  std::filesystem::path
+      white_reference;   ///< file that the strength was read from, "" if given inline
   double max_power = 0;  ///< [0, 1] no default: the most any command may ask for
   double power = 0;      ///< [0, 1] used for capture
   double warm_up = 0;    ///< [s] on before the first exposure
@@ -156,9 +176,12 @@ using KeepOut = std::variant<KeepOutSphere, KeepOutBox>;
 
 /// How candidate light positions are laid out before the gantry's reach is asked.
 struct CandidateRule {
-  enum class Kind : std::uint8_t { fibonacci, list } kind = Kind::fibonacci;
-  int count = 1000;                   ///< fibonacci: over the whole sphere of directions
+  enum class Kind : std::uint8_t { fibonacci, list, grid } kind = Kind::fibonacci;
+  int count = 1000;   ///< fibonacci: over the whole sphere of directions
+  double radius = 0;  ///< [m] of that sphere, for linear axes …
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< … and its centre [m]
   std::vector<Eigen::Vector3d> list;  ///< [m] positions, or directions for a distant lamp
+  std::vector<int> steps;             ///< grid: values per axis, evenly over its travel
 };
 
 /// What --simulate and `lightrig simulate` make of this rig; a real run never reads it.

@@ -83,8 +83,11 @@ TableSpec candidates_table() {
        .kind = ValueKind::choice,
        .need = Need::defaulted,
        .fallback = "\"fibonacci\"",
-       .choices = {"fibonacci", "list"},
-       .doc = "\"fibonacci\": evenly over the whole sphere of directions."},
+       .choices = {"fibonacci", "list", "grid"},
+       .doc =
+           "\"fibonacci\": evenly over the whole sphere of directions. \"list\": positions written "
+           "down. \"grid\": every combination of evenly spaced axis values. Of fixed lamps every "
+           "one is a candidate, whatever the rule."},
       {.name = "count",
        .kind = ValueKind::integer,
        .range = {1, 1000000},
@@ -97,18 +100,41 @@ TableSpec candidates_table() {
        .unit = units::m,
        .range = {-1e4, 1e4},
        .when = Condition{"rule", {"list"}},
-       .doc = "Lamp positions; for a distant lamp directions of any length."},
+       .doc = "Lamp positions; for a distant lamp directions of any length. On a turntable as seen "
+              "from the object before it turns."},
+      {.name = "sphere_radius_m",
+       .unit = units::m,
+       .range = {0, 100, true},
+       .need = Need::optional,
+       .when = Condition{"rule", {"fibonacci"}},
+       .doc = "Linear axes: radius of the sphere that the positions lie on; what the axes do not "
+              "reach of it is left out."},
+      {.name = "sphere_centre_m",
+       .kind = ValueKind::vector3,
+       .unit = units::m,
+       .range = {-1e3, 1e3},
+       .need = Need::defaulted,
+       .fallback = "[0, 0, 0]",
+       .when = Condition{"rule", {"fibonacci"}},
+       .doc = "Linear axes: its centre."},
+      {.name = "steps",
+       .kind = ValueKind::integers,
+       .range = {1, 10000},
+       .sizes = {1, 2, 3},
+       .when = Condition{"rule", {"grid"}},
+       .doc = "How many values of each axis, in the order azimuth, elevation; x, y, z; turn, "
+              "elevation. Ends included, but not twice of a whole turn. A head on linear axes is "
+              "aimed, not stepped."},
   };
   return t;
 }
 
 TableSpec simulation_table() {
-  TableSpec t{
-      .name = "simulation",
-      .need = Need::optional,
-      .doc =
-          "What --simulate and `lightrig simulate` make of this rig; a real run never reads "
-          "it."};
+  TableSpec t{.name = "simulation",
+              .need = Need::optional,
+              .doc =
+                  "What --simulate makes of this rig; a real run never reads "
+                  "it."};
   t.keys = {
       {.name = "material",
        .kind = ValueKind::text,

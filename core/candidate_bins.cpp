@@ -75,6 +75,7 @@ void find_lit(const BinningSetting& setting, const LightPosition& light, std::in
   scratch.lit.clear();
   scratch.cell_of_point.resize(points.size());
   scratch.tried.assign(static_cast<std::size_t>(lookup.grid().cells()), 0);
+  const bool whole_sphere = light.distant || light.lobe.uniform();
   for (std::size_t first = 0; first < points.size(); first += scratch.chord2.size()) {
     const std::size_t count = std::min(scratch.chord2.size(), points.size() - first);
     angles_of_points(points, first, light, setting.limits.min_cos_i, setting.max_tangent2,
@@ -86,6 +87,10 @@ void find_lit(const BinningSetting& setting, const LightPosition& light, std::in
       if (scratch.chord2[i] < 0) {
         ++(scratch.chord2[i] == no_half_vector ? statistics.no_half_vector
                                                : statistics.back_facing);
+        continue;
+      }
+      if (!whole_sphere && !light.reaches(setting.points.position.col(points.index[first + i]))) {
+        ++statistics.back_facing;
         continue;
       }
       ++statistics.points_tested;

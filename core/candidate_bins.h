@@ -42,7 +42,8 @@ enum class ShadowRays : std::uint8_t {
 struct BinningStatistics {
   std::int64_t points_tested =
       0;                         ///< candidate × point pairs that face the light within the limits
-  std::int64_t back_facing = 0;  ///< pairs dropped: n·l ≤ 0 or beyond the grazing limits
+  std::int64_t back_facing = 0;  ///< pairs dropped: n·l ≤ 0, beyond the grazing limits or the
+                                 ///< lamp's lobe
   std::int64_t no_half_vector = 0;  ///< pairs with l = −v
   std::int64_t repeated = 0;        ///< pairs that fell in a cell the same light had already filled
   std::int64_t passed_over = 0;  ///< pairs never looked at: their whole bundle of normals is unlit

@@ -1,5 +1,7 @@
 #include "core/gantry_model.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -7,86 +9,26 @@
 #include "core/check.h"
 
 namespace lightrig {
-namespace {
 
-constexpr double pi = std::numbers::pi;
-
-/// Rounding in a target that lies exactly on a limit must not put it out of travel.
-constexpr double limit_slack = 1e-9;  // [rad] or [m]
-
-Eigen::Vector3d dome_direction(double azimuth, double elevation) {
-  return {std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
-          std::sin(elevation)};
+std::string value_text(const Axis& axis, double value, int decimals) {
+  if (axis.selector) return fmt::format("lamp {}", std::lround(value) + 1);
+  if (axis.rotary) return fmt::format("{:.{}f}°", value * 180 / std::numbers::pi, decimals);
+  return fmt::format("{:.{}f} mm", value * 1000, std::max(1, decimals - 1));
 }
 
-LightPosition light_of(const DomeKinematics& dome, bool distant_lamp, const AxisValues& axes) {
-  CHECK(axes.size() == 2);
-  const Eigen::Vector3d direction = dome_direction(axes[0], axes[1]);
-  if (distant_lamp) return {true, direction};
-  return {false, dome.centre + dome.radius * direction};
+double tolerance_of(const GantryModel& gantry, std::size_t axis) {
+  if (gantry.axes[axis].selector) return 0;
+  return gantry.axes[axis].rotary ? gantry.tolerance : gantry.linear_tolerance;
 }
 
-/// The value angle + 2πk nearest to the axis' home that its travel holds.
-std::optional<double> wrapped_into_travel(const Axis& axis, double angle) {
-  const double lowest = angle + 2 * pi * std::ceil((axis.min - limit_slack - angle) / (2 * pi));
-  std::optional<double> best;
-  for (double value = lowest; value <= axis.max + limit_slack; value += 2 * pi) {
-    const double held = std::clamp(value, axis.min, axis.max);
-    if (!best || std::abs(held - axis.home) < std::abs(*best - axis.home)) best = held;
+bool arrived(const GantryModel& gantry, const GantryPosition& at, const GantryPosition& target) {
+  if (at.axes.size() != target.axes.size()) return false;
+  for (std::size_t i = 0; i < gantry.axes.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    // Written so that NaN has not arrived.
+    if (!(std::abs(at.axes[row] - target.axes[row]) <= tolerance_of(gantry, i))) return false;
   }
-  return best;
-}
-
-std::optional<GantryPosition> reach_of(const DomeKinematics& dome, const GantryModel& gantry,
-                                       const Eigen::Vector3d& p) {
-  CHECK(gantry.axes.size() == 2);
-  const Axis& azimuth_axis = gantry.axes[0];
-  const Axis& elevation_axis = gantry.axes[1];
-  const Eigen::Vector3d arm = gantry.distant_lamp ? p : Eigen::Vector3d(p - dome.centre);
-  const double length = arm.norm();
-  if (!(length > 0) || !std::isfinite(length)) return std::nullopt;
-  const double off_dome = std::max(gantry.tolerance, 1e-6) * dome.radius;
-  if (!gantry.distant_lamp && std::abs(length - dome.radius) > off_dome) return std::nullopt;
-
-  const double horizontal = std::hypot(arm.x(), arm.y());
-  const double elevation = std::atan2(arm.z(), horizontal);
-  // At the poles every azimuth is right: the one that needs least motion from home.
-  const bool at_pole = horizontal < 1e-12 * length;
-  const double azimuth = at_pole ? std::clamp(azimuth_axis.home, azimuth_axis.min, azimuth_axis.max)
-                                 : std::atan2(arm.y(), arm.x());
-
-  std::optional<GantryPosition> best;
-  double best_distance = 0;
-  const auto consider = [&](double a, double e) {
-    const std::optional<double> held_a = wrapped_into_travel(azimuth_axis, a);
-    const std::optional<double> held_e = wrapped_into_travel(elevation_axis, e);
-    if (!held_a || !held_e) return;
-    const double distance =
-        std::abs(*held_a - azimuth_axis.home) + std::abs(*held_e - elevation_axis.home);
-    if (best && distance >= best_distance) return;
-    GantryPosition position;
-    position.axes = Eigen::Vector2d(*held_a, *held_e);
-    best = position;
-    best_distance = distance;
-  };
-  consider(azimuth, elevation);
-  consider(at_pole ? azimuth : azimuth + pi, pi - elevation);  // the arc swung over the zenith
-  return best;
-}
-
-}  // namespace
-
-LightPosition light_at(const GantryModel& gantry, const GantryPosition& position) {
-  return std::visit(
-      [&](const auto& kinematics) {
-        return light_of(kinematics, gantry.distant_lamp, position.axes);
-      },
-      gantry.kinematics);
-}
-
-std::optional<GantryPosition> reach(const GantryModel& gantry, const Eigen::Vector3d& p) {
-  return std::visit([&](const auto& kinematics) { return reach_of(kinematics, gantry, p); },
-                    gantry.kinematics);
+  return true;
 }
 
 bool within_limits(const GantryModel& gantry, const GantryPosition& position) {
@@ -95,6 +37,7 @@ bool within_limits(const GantryModel& gantry, const GantryPosition& position) {
     const double value = position.axes[static_cast<Eigen::Index>(i)];
     // Written so that NaN is outside.
     if (!(value >= gantry.axes[i].min && value <= gantry.axes[i].max)) return false;
+    if (gantry.axes[i].selector && value != std::round(value)) return false;
   }
   return true;
 }
@@ -118,7 +61,7 @@ MoveProfile move_profile(const GantryModel& gantry, const GantryPosition& from,
   for (std::size_t i = 0; i < gantry.axes.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
     const double distance = std::abs(to.axes[row] - from.axes[row]);
-    if (!(distance > 0)) continue;
+    if (!(distance > 0) || gantry.axes[i].selector) continue;
     const double speed = gantry.axes[i].max_speed / distance;
     const double acceleration = gantry.axes[i].max_acceleration / distance;
     profile.speed = moves ? std::min(profile.speed, speed) : speed;

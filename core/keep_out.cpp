@@ -67,29 +67,67 @@ double distance(const Capsule& body, const Box& box) {
   return distance_to_box(body.a, body.b, box) - body.radius;
 }
 
-std::vector<Capsule> body_of(const DomeKinematics& dome, const GantryBody& body,
-                             const AxisValues& axes) {
-  CHECK(axes.size() == 2);
-  const double a = axes[0], e = axes[1];
+/// Lamp, boom and mast of an arm that turns about a centre.
+std::vector<Capsule> arm_about(const Eigen::Vector3d& centre, double radius, double a, double e,
+                               const GantryBody& body) {
   const Eigen::Vector3d outwards(std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e));
-  const Eigen::Vector3d lamp = dome.centre + dome.radius * outwards;
+  const Eigen::Vector3d lamp = centre + radius * outwards;
   const Eigen::Vector3d elbow = lamp + body.boom_length * outwards;
   std::vector<Capsule> parts{{lamp, lamp, body.lamp_radius}};
   if (body.boom_length > 0) parts.push_back({lamp, elbow, body.boom_radius});
   if (body.mast_foot) {
     const Eigen::AngleAxisd turn(a, Eigen::Vector3d::UnitZ());
-    parts.push_back({elbow, dome.centre + turn * *body.mast_foot, body.boom_radius});
+    parts.push_back({elbow, centre + turn * *body.mast_foot, body.boom_radius});
   }
   return parts;
 }
 
-/// No point of the body moves further than this [m] on the straight way between the positions: the
-/// axes turn about the centre, and no point is further from it than the body reaches.
+std::vector<Capsule> body_of(const DomeKinematics& dome, const GantryBody& body,
+                             const AxisValues& axes) {
+  CHECK(axes.size() == 2);
+  return arm_about(dome.centre, dome.radius, axes[0], axes[1], body);
+}
+std::vector<Capsule> body_of(const CartesianKinematics& cartesian, const GantryBody& body,
+                             const AxisValues& axes) {
+  const Eigen::Vector3d lamp = cartesian.origin + axes.head<3>();
+  std::vector<Capsule> parts{{lamp, lamp, body.lamp_radius}};
+  if (body.boom_length > 0)
+    parts.push_back({lamp, lamp + body.boom_length * body.boom_direction, body.boom_radius});
+  return parts;
+}
+std::vector<Capsule> body_of(const TurntableKinematics& table, const GantryBody& body,
+                             const AxisValues& axes) {
+  const double elevation = table.arm ? axes[1] : table.elevation;
+  return arm_about(table.centre, table.radius, table.azimuth, elevation, body);
+}
+std::vector<Capsule> body_of(const FixedLampsKinematics& fixed, const GantryBody& body,
+                             const AxisValues& axes) {
+  const Eigen::Vector3d& lamp = fixed.lamps[static_cast<std::size_t>(std::lround(axes[0]))];
+  return {{lamp, lamp, body.lamp_radius}};
+}
+
+// No point of the body moves further than this [m] on the straight way between the positions.
+
+/// The axes turn about the centre, and no point is further from it than the body reaches.
+double arm_reach(double radius, const GantryBody& body) {
+  return std::max(radius + body.boom_length, body.mast_foot ? body.mast_foot->norm() : 0.0);
+}
 double longest_way(const DomeKinematics& dome, const GantryBody& body, const AxisValues& from,
                    const AxisValues& to) {
-  const double foot = body.mast_foot ? body.mast_foot->norm() : 0.0;
-  const double reach = std::max(dome.radius + body.boom_length, foot);
-  return reach * (to - from).cwiseAbs().sum();
+  return arm_reach(dome.radius, body) * (to - from).cwiseAbs().sum();
+}
+/// A carriage that is only shifted; a head turns the lamp on the spot, within its ball.
+double longest_way(const CartesianKinematics&, const GantryBody&, const AxisValues& from,
+                   const AxisValues& to) {
+  return (to - from).head<3>().norm();
+}
+double longest_way(const TurntableKinematics& table, const GantryBody& body, const AxisValues& from,
+                   const AxisValues& to) {
+  return table.arm ? arm_reach(table.radius, body) * std::abs(to[1] - from[1]) : 0.0;
+}
+double longest_way(const FixedLampsKinematics&, const GantryBody&, const AxisValues&,
+                   const AxisValues&) {
+  return 0;
 }
 
 }  // namespace
@@ -120,7 +158,9 @@ Clearance clearance(const GantryModel& gantry, const GantryBody& body,
 std::optional<Contact> first_contact(const GantryModel& gantry, const GantryBody& body,
                                      const GantryPosition& from, const GantryPosition& to,
                                      std::span<const Solid> volumes, double margin) {
-  if (volumes.empty()) return std::nullopt;
+  // Fixed lamps stand where they stand: nothing moves that could meet anything.
+  if (volumes.empty() || std::holds_alternative<FixedLampsKinematics>(gantry.kinematics))
+    return std::nullopt;
   const double way = std::visit(
       [&](const auto& k) { return longest_way(k, body, from.axes, to.axes); }, gantry.kinematics);
   double fraction = 0;
@@ -136,8 +176,30 @@ std::optional<Contact> first_contact(const GantryModel& gantry, const GantryBody
   }
 }
 
+namespace {
+
+/// Outside, if it lies wholly beyond one side of the pyramid (or prism) of sight over `outline`, in
+/// image coordinates without distortion: at depth 1 (perspective) or anywhere (parallel).
+bool beside(const CameraModel& camera, const Eigen::AlignedBox2d& outline, const Capsule& body) {
+  const Eigen::Vector3d a = camera.camera_from_world * body.a;
+  const Eigen::Vector3d b = camera.camera_from_world * body.b;
+  const auto beyond = [&](const Eigen::Vector3d& inwards, double offset) {
+    const double limit = -body.radius * inwards.norm();
+    return inwards.dot(a) + offset < limit && inwards.dot(b) + offset < limit;
+  };
+  const auto sides = [&](Eigen::Index axis) {
+    const Eigen::Vector3d across = Eigen::Vector3d::Unit(axis), depth = Eigen::Vector3d::UnitZ();
+    const double low = outline.min()[axis], high = outline.max()[axis];
+    if (distant(camera)) return beyond(across, -low) || beyond(-across, high);
+    return beyond(across - low * depth, 0) || beyond(high * depth - across, 0);
+  };
+  if (!distant(camera) && beyond(Eigen::Vector3d::UnitZ(), 0)) return true;
+  return sides(0) || sides(1);
+}
+
+}  // namespace
+
 bool in_view(const CameraModel& camera, const Capsule& body) {
-  // The picture's outline, without distortion: at depth 1 (perspective) or anywhere (parallel).
   Eigen::AlignedBox2d outline;
   constexpr int pieces = 32;
   for (int i = 0; i <= pieces; ++i) {
@@ -152,21 +214,38 @@ bool in_view(const CameraModel& camera, const Capsule& body) {
                                      : Eigen::Vector2d(p.head<2>() / p.z()));
     }
   }
-  const Eigen::Vector3d a = camera.camera_from_world * body.a;
-  const Eigen::Vector3d b = camera.camera_from_world * body.b;
-  // Outside, if it lies wholly beyond one side of the pyramid (or prism) of sight.
-  const auto beyond = [&](const Eigen::Vector3d& inwards, double offset) {
-    const double limit = -body.radius * inwards.norm();
-    return inwards.dot(a) + offset < limit && inwards.dot(b) + offset < limit;
-  };
-  const auto sides = [&](Eigen::Index axis) {
-    const Eigen::Vector3d across = Eigen::Vector3d::Unit(axis), depth = Eigen::Vector3d::UnitZ();
-    const double low = outline.min()[axis], high = outline.max()[axis];
-    if (distant(camera)) return beyond(across, -low) || beyond(-across, high);
-    return beyond(across - low * depth, 0) || beyond(high * depth - across, 0);
-  };
-  if (!distant(camera) && beyond(Eigen::Vector3d::UnitZ(), 0)) return false;
-  return !sides(0) && !sides(1);
+  return !beside(camera, outline, body);
+}
+
+bool hides(const CameraModel& camera, const Capsule& body, const Box& box) {
+  Eigen::AlignedBox2d outline;
+  double furthest = -std::numeric_limits<double>::infinity();
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector3d p((corner & 1) != 0 ? box.max.x() : box.min.x(),
+                            (corner & 2) != 0 ? box.max.y() : box.min.y(),
+                            (corner & 4) != 0 ? box.max.z() : box.min.z());
+    const Eigen::Vector3d seen = camera.camera_from_world * p;
+    furthest = std::max(furthest, seen.z());
+    // A camera within or beside the box is no rig: everything is then in the way.
+    if (!distant(camera) && !(seen.z() > 0)) return true;
+    outline.extend(distant(camera) ? Eigen::Vector2d(seen.head<2>())
+                                   : Eigen::Vector2d(seen.head<2>() / seen.z()));
+  }
+  const double nearest =
+      std::min((camera.camera_from_world * body.a).z(), (camera.camera_from_world * body.b).z()) -
+      body.radius;
+  return nearest <= furthest && !beside(camera, outline, body);
+}
+
+bool shines_into_lens(const CameraModel& camera, const LightPosition& light, double cone) {
+  const Eigen::Matrix3d world_from_camera = camera.camera_from_world.linear().transpose();
+  const Eigen::Vector3d sight = world_from_camera.col(2);
+  if (light.distant) return light.p.dot(sight) > std::cos(cone);
+  const Eigen::Vector3d eye = -(world_from_camera * camera.camera_from_world.translation());
+  const Eigen::Vector3d to_lamp = light.p - eye;
+  // A parallel view has no eye: the lamp lights the lens wherever it shines along the sight.
+  if (distant(camera)) return light.lobe.uniform() ? false : light.aim.dot(sight) < -std::cos(cone);
+  return to_lamp.dot(sight) > std::cos(cone) * to_lamp.norm() && light.reaches(eye);
 }
 
 }  // namespace lightrig

@@ -21,14 +21,16 @@ struct Box {
 };
 using Solid = std::variant<Ball, Box>;
 
-/// The solid that moves with the lamp: a ball around the lamp, a straight boom outwards from it,
-/// and a mast from the boom's end to a foot that turns with the azimuth. All zero is a lamp that is
-/// a point.
+/// The solid that moves with the lamp: a ball around the lamp, a straight boom from it (outwards
+/// from the centre; on linear axes along `boom_direction`), and a mast from the boom's end to a
+/// foot that turns with the azimuth (a turntable's lamp: stands at its azimuth; linear axes: none).
+/// All zero is a lamp that is a point.
 struct GantryBody {
-  double lamp_radius = 0;                    ///< [m]
-  double boom_length = 0;                    ///< [m]
-  double boom_radius = 0;                    ///< [m] of boom and mast
-  std::optional<Eigen::Vector3d> mast_foot;  ///< [m] from the centre, at azimuth 0
+  double lamp_radius = 0;                                     ///< [m]
+  double boom_length = 0;                                     ///< [m]
+  double boom_radius = 0;                                     ///< [m] of boom and mast
+  std::optional<Eigen::Vector3d> mast_foot;                   ///< [m] from the centre, at azimuth 0
+  Eigen::Vector3d boom_direction = Eigen::Vector3d::UnitZ();  ///< unit
 };
 
 /// All points within `radius` of the segment from a to b [m, world]; a ball where a = b.
@@ -38,7 +40,8 @@ struct Capsule {
 };
 
 /// What moves, at these axis values: the lamp first, then the boom and the mast where there are
-/// any. A distant lamp's body is where the gantry really holds it.
+/// any. In the world, on a turntable too. A distant lamp's body is where the gantry really holds
+/// it.
 std::vector<Capsule> body_at(const GantryModel& gantry, const GantryBody& body,
                              const GantryPosition& position);
 
@@ -72,5 +75,14 @@ std::optional<Contact> first_contact(const GantryModel& gantry, const GantryBody
 /// Never false for a body of which a point projects into the picture; may be true for one that just
 /// misses a corner.
 bool in_view(const CameraModel& camera, const Capsule& body);
+
+/// Whether a body may stand between the camera and a box, and so hide part of what is in it. Never
+/// false for a body of which a point lies on a line of sight to a point of the box.
+bool hides(const CameraModel& camera, const Capsule& body, const Box& box);
+
+/// Whether a lamp shines into the lens: it lies within `cone` [rad] of the line of sight as the
+/// camera's eye sees it (a distant camera: its direction does) and lights that way. What stands in
+/// between is not looked at.
+bool shines_into_lens(const CameraModel& camera, const LightPosition& light, double cone);
 
 }  // namespace lightrig

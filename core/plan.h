@@ -26,7 +26,11 @@ struct LeftOut {
   SelectionStatistics selection;
   int candidates_offered = 0;
   int candidates_unreachable = 0;  ///< outside the gantry's travel
-  int candidates_kept_out = 0;     ///< in a keep-out volume, in the camera's way
+  int candidates_kept_out = 0;     ///< for any of the reasons below
+  int candidates_touching = 0;     ///< lamp or arm would touch something
+  int candidates_in_view = 0;      ///< the lamp would show in the picture
+  int candidates_into_lens = 0;    ///< it would shine into the lens
+  int candidates_hiding = 0;       ///< lamp or arm would stand before the object
   int lights_not_needed = 0;       ///< max_lights − chosen
   int components_available = 0, components_used = 0;
   int channels_not_needed = 0;  ///< 2 for a mono camera

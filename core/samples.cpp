@@ -72,6 +72,9 @@ SitePoint place(const Geometry& g, Eigen::Index first, std::size_t i, const Site
   // l = −v has no half vector; its θd is beyond any limit.
   const double sum2 = angles.sum2[i];
   if (angles.cos_i[i] <= 0 || angles.cos_o[i] <= 0 || sum2 < 1e-24) return out;
+  const Eigen::Vector3d x = g.points->position.col(at);
+  const bool whole_sphere = g.light->distant || g.light->lobe.uniform();
+  if (!whole_sphere && !g.light->reaches(x)) return out;
   out.set(PointState::grazing);
   if (angles.cos_i[i] < g.limits->min_cos_i || angles.cos_o[i] < g.limits->min_cos_o) return out;
   if (angles.difference2[i] > g.max_tangent2 * sum2) return out;
@@ -80,7 +83,8 @@ SitePoint place(const Geometry& g, Eigen::Index first, std::size_t i, const Site
   out.set(PointState::invalid_cell);
   if (!g.valid.empty() && g.valid[static_cast<std::size_t>(cell)] == 0) return out;
   out.cell_or_state = cell;
-  out.irradiance = static_cast<float>(angles.irradiance[i]);
+  const double emitted = whole_sphere ? 1.0 : g.light->emission(x);
+  out.irradiance = static_cast<float>(angles.irradiance[i] * emitted);
   return out;
 }
 

@@ -9,11 +9,11 @@
 
 namespace lightrig {
 
-/// A gantry and, where the rig's lamp hangs on the gantry's controller (GantryLamp), the lamp that
-/// shares its wire.
+/// A gantry and, where the rig's lamp hangs on the gantry's controller (GantryLamp, or a bank of
+/// fixed lamps), the lamp that shares its wire.
 struct GantryAndLamp {
   std::unique_ptr<Gantry> gantry;
-  std::unique_ptr<Lamp> lamp;  ///< null unless the rig's lamp is a GantryLamp
+  std::unique_ptr<Lamp> lamp;  ///< null where the rig's lamp is opened by itself
 };
 
 // One overload per backend of the variants in Rig: a forgotten backend does not compile. Each is
@@ -21,6 +21,8 @@ struct GantryAndLamp {
 // (modbus_absent.cpp, …) that answers not_built.
 Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, Clock& clock);
 Result<GantryAndLamp> open_gantry(const Rig& rig, const GrblGantry& backend, Clock& clock);
+/// Gantry and lamp in one: fixed lamps on the coils of the rig's ModbusLamp.
+Result<GantryAndLamp> open_gantry(const Rig& rig, const FixedLampsGantry& backend, Clock& clock);
 Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const ModbusLamp& backend, Clock& clock);
 Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, const AravisCamera& backend,
                                             Clock& clock);

@@ -13,6 +13,10 @@ Result<GantryAndLamp> open_gantry(const Rig&, const ModbusGantry&, Clock&) {
   return fail(ErrorCode::not_built, std::string("Modbus gantry: ") + remedy);
 }
 
+Result<GantryAndLamp> open_gantry(const Rig&, const FixedLampsGantry&, Clock&) {
+  return fail(ErrorCode::not_built, std::string("fixed lamps on Modbus coils: ") + remedy);
+}
+
 Result<std::unique_ptr<Lamp>> open_lamp(const Rig&, const ModbusLamp&, Clock&) {
   return fail(ErrorCode::not_built, std::string("Modbus lamp: ") + remedy);
 }

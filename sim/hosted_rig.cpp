@@ -17,12 +17,12 @@ namespace {
 using Hosted = Result<std::vector<HostedWire>>;
 
 // The overloads for parts without a wire of their own stand here, beside the dispatch. A lamp on an
-// output of the gantry's controller comes with the gantry.
+// output of the gantry's controller comes with the gantry; fixed lamps hang on the lamp's wire.
 template <class NoWire>
-Hosted host_wire(
-    const Rig&, const NoWire&, const std::shared_ptr<World>&,
-    const std::shared_ptr<WireFaults>&) requires std::is_same_v<NoWire, SimulatedGantry> ||
-    std::is_same_v<NoWire, SimulatedLamp> || std::is_same_v<NoWire, GantryLamp> {
+Hosted host_wire(const Rig&, const NoWire&, const std::shared_ptr<World>&,
+                 const std::shared_ptr<WireFaults>&) requires
+    std::is_same_v<NoWire, SimulatedGantry> || std::is_same_v<NoWire, SimulatedLamp> ||
+    std::is_same_v<NoWire, GantryLamp> || std::is_same_v<NoWire, FixedLampsGantry> {
   return std::vector<HostedWire>{};
 }
 

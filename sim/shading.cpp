@@ -41,6 +41,26 @@ Eigen::Array3d reflected(const Reflectance& reflectance, const Eigen::Vector3d& 
 
 namespace {
 
+/// What the lamp sends this way as a share of what it sends along its axis, from the angle itself.
+double share_of_axis(const LightPosition& light, const Eigen::Vector3d& to_light, double distance) {
+  const EmissionLobe& lobe = light.lobe;
+  if (light.distant || (lobe.angle.empty() && lobe.exponent == 0)) return 1;
+  const double sine = light.aim.cross(to_light).norm() / distance;
+  const double off = std::atan2(sine, -light.aim.dot(to_light) / distance);  // [rad] off the axis
+  if (lobe.angle.empty()) {
+    if (off >= std::numbers::pi / 2) return 0;
+    return std::exp(lobe.exponent * std::log(std::max(1e-300, std::cos(off))));
+  }
+  std::size_t next = 0;
+  while (next < lobe.angle.size() && lobe.angle[next] < off) ++next;
+  if (next == lobe.angle.size()) return off == lobe.angle.back() ? lobe.intensity.back() : 0.0;
+  if (next == 0) return lobe.intensity.front();
+  const double width = lobe.angle[next] - lobe.angle[next - 1];
+  return ((lobe.angle[next] - off) * lobe.intensity[next - 1] +
+          (off - lobe.angle[next - 1]) * lobe.intensity[next]) /
+         width;
+}
+
 /// One sample of one site that meets the object; 16 bytes, because a 20-megapixel view has many.
 struct Sample {
   std::int32_t site;
@@ -139,7 +159,8 @@ void Renderer::Scene::shade_row(int row, const LightPosition& light, const Eigen
     const Eigen::Array3d f_cos = reflected(reflectance, normals[i], to_light.normalized(),
                                            view_direction(camera, points[i]));
     // L = f cos θi · (I / r²), or · E of a distant lamp.
-    sums[static_cast<std::size_t>(column)] += share * f_cos[channel] * strength[channel] / r2;
+    sums[static_cast<std::size_t>(column)] += share * f_cos[channel] * strength[channel] *
+                                              share_of_axis(light, to_light, std::sqrt(r2)) / r2;
   }
   for (std::size_t column = 0; column < sums.size(); ++column) {
     radiance[static_cast<std::size_t>(first_site) + column] = static_cast<float>(sums[column]);

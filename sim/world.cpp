@@ -26,15 +26,13 @@ GantryPosition parked(const GantryModel& gantry) {
   position.axes.resize(static_cast<Eigen::Index>(gantry.axes.size()));
   for (std::size_t i = 0; i < gantry.axes.size(); ++i) {
     const Axis& axis = gantry.axes[i];
-    position.axes[static_cast<Eigen::Index>(i)] = axis.min + 0.3 * (axis.max - axis.min);
+    const double somewhere = axis.min + 0.3 * (axis.max - axis.min);
+    position.axes[static_cast<Eigen::Index>(i)] = axis.selector ? std::round(somewhere) : somewhere;
   }
   return position;
 }
 
-std::string axis_value(const Axis& axis, double value) {
-  return axis.rotary ? fmt::format("{:.4f}°", value * 180 / std::numbers::pi)
-                     : fmt::format("{:.3f} mm", value * 1000);
-}
+std::string axis_value(const Axis& axis, double value) { return value_text(axis, value, 4); }
 
 /// Which axis leaves its travel, with the numbers; "" when none does.
 std::string beyond_limits(const GantryModel& gantry, const GantryPosition& to) {
@@ -70,13 +68,16 @@ World::World(const Rig& rig, Mesh object, Reflectance truth, Clock& clock, std::
       clock_(clock),
       seed_(seed),
       threads_(thread_count(options.threads)),
-      renderer_(std::move(object), rig.camera.model, rig.camera.sensor.filter, std::move(truth),
-                options),
+      render_options_(options),
+      object_(std::move(object)),
+      truth_(std::move(truth)),
       dynamics_(rig.gantry.model,
                 ArmModel{rig.simulation->arm_frequency, rig.simulation->arm_damping},
                 parked(rig.gantry.model), clock.now()),
       lamp_until_(clock.now()) {
   CHECK(rig.simulation.has_value());
+  seen_.emplace(0.0,
+                Renderer(object_, rig.camera.model, rig.camera.sensor.filter, truth_, options));
 }
 
 // --- gantry
@@ -227,12 +228,43 @@ std::vector<std::uint64_t> World::position_words(const GantryPosition& drives) c
   return words;
 }
 
+double arm_length_of(const DomeKinematics& dome) { return dome.radius; }
+double arm_length_of(const TurntableKinematics& table) { return table.radius; }
+double arm_length_of(const CartesianKinematics&) { return 0; }  // its lamp is never distant
+double arm_length_of(const FixedLampsKinematics& fixed) {
+  return (fixed.lamps.front() - fixed.centre).norm();
+}
+
+/// The lamp in the world. On a turntable it stands, and the object turns: written apart from
+/// light_at(), which leaves the object and turns everything else.
+LightPosition lamp_in_world(const GantryModel& gantry, const GantryPosition& position) {
+  LightPosition light = light_at(gantry, position);
+  if (const auto* table = std::get_if<TurntableKinematics>(&gantry.kinematics)) {
+    const double e = table->arm ? position.axes[1] : table->elevation;
+    const Eigen::Vector3d outwards(std::cos(e) * std::cos(table->azimuth),
+                                   std::cos(e) * std::sin(table->azimuth), std::sin(e));
+    light.p = light.distant ? outwards : Eigen::Vector3d(table->centre + table->radius * outwards);
+    if (!light.lobe.uniform()) light.aim = -outwards;
+  }
+  return light;
+}
+
+/// A mesh turned about the vertical through a point.
+Mesh turned_about(Mesh mesh, const Eigen::Vector3d& centre, double angle) {
+  const double c = std::cos(angle), s = std::sin(angle);
+  Eigen::Matrix3d turn;
+  turn << c, -s, 0, s, c, 0, 0, 0, 1;
+  mesh.vertices = (turn * (mesh.vertices.colwise() - centre)).colwise() + centre;
+  mesh.normals = turn * mesh.normals;
+  return mesh;
+}
+
 /// Where the lamp is: on the deflected arm, off by an error that is fixed for each position.
 LightPosition World::true_light(const GantryMotionState& motion) const {
   const GantryModel& gantry = rig_.gantry.model;
   GantryPosition lamp;
   lamp.axes = motion.position + motion.deflection;
-  LightPosition light = light_at(gantry, lamp);
+  LightPosition light = lamp_in_world(gantry, lamp);
   const double rms = rig_.simulation->lamp_position_error;
   if (rms <= 0) return light;
   GantryPosition drives;
@@ -247,8 +279,8 @@ LightPosition World::true_light(const GantryMotionState& motion) const {
     light.p += error;
   } else {
     // A distant lamp's error is the angle that the same error makes on the arm it stands for.
-    const double arm_length =
-        std::visit([](const auto& kinematics) { return kinematics.radius; }, gantry.kinematics);
+    const double arm_length = std::visit(
+        [](const auto& kinematics) { return arm_length_of(kinematics); }, gantry.kinematics);
     if (arm_length > 0) light.p = (light.p + error / arm_length).normalized();
   }
   return light;
@@ -262,8 +294,20 @@ SceneMoment World::look() const {
   moment.drives.axes = motion.position;
   moment.moving = motion.moving;
   moment.light = true_light(motion);
+  if (turns_object(rig_.gantry.model)) moment.turn = motion.position[0] + motion.deflection[0];
   moment.lamp_power = moment.time < lamp_until_ ? lamp_power_ : 0;
   return moment;
+}
+
+/// The view of the object turned so far; made anew when a turntable has moved.
+const Renderer& World::renderer_at(double turn) {
+  if (!seen_ || seen_->first != turn) {
+    const auto* table = std::get_if<TurntableKinematics>(&rig_.gantry.model.kinematics);
+    CHECK(table != nullptr);
+    seen_.emplace(turn, Renderer(turned_about(object_, table->centre, turn), rig_.camera.model,
+                                 rig_.camera.sensor.filter, truth_, render_options_));
+  }
+  return seen_->second;
 }
 
 /// Radiance on the sites: the lamp's share is shaded once per lamp position and scaled.
@@ -274,16 +318,17 @@ Result<SiteRadiance> World::radiance_at(const SceneMoment& moment, const std::st
   SiteRadiance radiance(sites, 0.0F);
   if (moment.lamp_power > 0) {
     const std::lock_guard lock(render_mutex_);
-    const bool known = shaded_ && shaded_->first.distant == moment.light.distant &&
-                       shaded_->first.p == moment.light.p;
+    const bool known = shaded_ && shaded_->light.distant == moment.light.distant &&
+                       shaded_->light.p == moment.light.p &&
+                       shaded_->light.aim == moment.light.aim && shaded_->turn == moment.turn;
     if (!known) {
-      auto image = renderer_.render(moment.light, rig_.lamp.strength, stop);
+      auto image = renderer_at(moment.turn).render(moment.light, rig_.lamp.strength, stop);
       if (!image) return fail(ErrorCode::stopped, "the exposure was stopped");
-      shaded_.emplace(moment.light, std::move(*image));
+      shaded_ = Shaded{moment.light, moment.turn, std::move(*image)};
       ++renders_;
     }
     const auto power = static_cast<float>(moment.lamp_power);
-    std::transform(shaded_->second.begin(), shaded_->second.end(), radiance.begin(),
+    std::transform(shaded_->radiance.begin(), shaded_->radiance.end(), radiance.begin(),
                    [power](float lit) { return power * lit; });
   }
   const Eigen::Array3d& ambient = rig_.simulation->ambient;

@@ -24,7 +24,9 @@ struct SceneMoment {
   TimePoint time;
   GantryPosition drives;  ///< what the drives' encoders read
   bool moving = false;    ///< the drives were
-  LightPosition light;    ///< where the lamp really was: arm deflection and position error included
+  LightPosition light;    ///< where the lamp really was, in the world: arm deflection and position
+                          ///< error included
+  double turn = 0;        ///< [rad] how far a turntable had really turned the object
   double lamp_power = 0;  ///< [0, 1]
 };
 
@@ -100,6 +102,7 @@ class World {
   bool homed_at(TimePoint time) const;
   void gantry_commanded();
   LightPosition true_light(const GantryMotionState& motion) const;
+  const Renderer& renderer_at(double turn);
   std::vector<std::uint64_t> position_words(const GantryPosition& drives) const;
   Result<SiteRadiance> radiance_at(const SceneMoment& moment, const std::stop_token& stop);
 
@@ -107,7 +110,9 @@ class World {
   Clock& clock_;
   const std::uint64_t seed_;
   const int threads_;
-  const Renderer renderer_;
+  const RenderOptions render_options_;
+  const Mesh object_;  // as it lies before a turntable turns it
+  const Reflectance truth_;
 
   mutable std::mutex mutex_;  // guards the state of gantry and lamp, and the counters
   GantryDynamics dynamics_;
@@ -122,8 +127,14 @@ class World {
       requests_;  // (power, exposure): how often since the last command
   std::deque<ExposureRecord> records_;
 
-  mutable std::mutex render_mutex_;  // guards the last image shaded
-  std::optional<std::pair<LightPosition, SiteRadiance>> shaded_;
+  mutable std::mutex render_mutex_;                  // guards the last image shaded
+  std::optional<std::pair<double, Renderer>> seen_;  // the object as turned so far
+  struct Shaded {
+    LightPosition light;
+    double turn = 0;
+    SiteRadiance radiance;
+  };
+  std::optional<Shaded> shaded_;
   std::int64_t renders_ = 0;
 };
 

@@ -91,7 +91,8 @@ Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes)
     return fail(ErrorCode::invalid_input,
                 fmt::format("jog: axis {} takes exactly one number, {}", axis->name,
                             axis->rotary ? "by_deg or to_deg" : "by_mm or to_mm"));
-  const double scale = axis->rotary ? std::numbers::pi / 180 : 1e-3;
+  // Of fixed lamps the number counts; it comes as if it were millimetres.
+  const double scale = axis->selector ? 1 : axis->rotary ? std::numbers::pi / 180 : 1e-3;
   return JogBody{axis->name, (*json)[given->name].get<double>() * scale, given->relative};
 }
 

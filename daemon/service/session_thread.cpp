@@ -17,10 +17,7 @@ constexpr auto idle_look = 2s;        ///< between two looks at an armed rig tha
 constexpr auto idle_promise = 60s;    ///< a look that hangs longer than this is a hang
 constexpr auto short_promise = 120s;  ///< opening devices, asking them, closing them
 
-std::string in_rig_units(const Axis& axis, double value) {
-  return axis.rotary ? fmt::format("{:.3f}°", value * 180 / std::numbers::pi)
-                     : fmt::format("{:.3f} mm", value * 1e3);
-}
+std::string in_rig_units(const Axis& axis, double value) { return value_text(axis, value, 3); }
 
 }  // namespace
 
@@ -110,9 +107,9 @@ void Service::idle_check() {
     return;
   }
   if (!before || before->gantry.position.axes.size() != now->gantry.position.axes.size()) return;
-  const double moved =
-      (now->gantry.position.axes - before->gantry.position.axes).cwiseAbs().maxCoeff();
-  if (now->gantry.homed && before->gantry.homed && moved > settings_.rig.gantry.model.tolerance)
+  const bool stayed =
+      arrived(settings_.rig.gantry.model, now->gantry.position, before->gantry.position);
+  if (now->gantry.homed && before->gantry.homed && !stayed)
     apply(Event::fault, "the gantry moved although nothing told it to; look at it, then home it");
 }
 

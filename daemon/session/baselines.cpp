@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <optional>
 #include <thread>
+#include <utility>
 
 #include "core/brdf_error.h"
 #include "core/check.h"
+#include "core/extract_demosaiced.h"
 #include "core/merge_hdr.h"
 #include "core/pixel_neighbours.h"
 #include "core/refine.h"
@@ -64,30 +66,50 @@ CameraModel small_enough(CameraModel camera) {
   return camera;
 }
 
-/// Everything that one light's picture needs.
-struct Studio {
-  const Rig& rig;
-  const SessionSpec& spec;
-  const Prepared& prepared;
+/// The object as the camera sees it at a position of the gantry, and what renders it. Stays where
+/// it was made: the neighbours point to the points.
+struct View {
   CameraModel camera;
   SurfacePoints points;
   std::optional<PixelNeighbours> neighbours;
   sim::Renderer renderer;
 
+  View(const Rig& rig, const Prepared& prepared, const Reflectance& truth,
+       const RandomLightsOptions& options, const GantryPosition& position)
+      : camera(small_enough(camera_at(rig.gantry.model, rig.camera.model, position))),
+        renderer(prepared.object.mesh, camera, rig.camera.sensor.filter, truth,
+                 {2, options.threads, options.seed}) {
+    const Mesh& mesh = prepared.object.mesh;
+    const bool same = camera.width == rig.camera.model.width && !turns_object(rig.gantry.model);
+    const bool pixels = prepared.points.from_pixels;
+    points = same     ? prepared.points
+             : pixels ? points_of_pixels(mesh, *prepared.occluder, camera, 1)
+                      : points_of_vertices(mesh, *prepared.occluder, camera);
+    if (pixels) neighbours.emplace(points, camera.width, camera.height);
+  }
+  View(const View&) = delete;
+  View& operator=(const View&) = delete;
+};
+
+/// Everything that the lights' pictures need.
+struct Studio {
+  const Rig& rig;
+  const SessionSpec& spec;
+  const Prepared& prepared;
+  const Reflectance& truth;
+  const RandomLightsOptions& options;
+  std::optional<View> standing;  ///< of every light, where the object does not turn
+
   Studio(const Rig& the_rig, const SessionSpec& the_spec, const Prepared& the_prepared,
-         const Reflectance& truth, const RandomLightsOptions& options)
+         const Reflectance& the_truth, const RandomLightsOptions& the_options)
       : rig(the_rig),
         spec(the_spec),
         prepared(the_prepared),
-        camera(small_enough(rig.camera.model)),
-        renderer(prepared.object.mesh, camera, rig.camera.sensor.filter, truth,
-                 {2, options.threads, options.seed}) {
-    const bool pixels = prepared.points.from_pixels;
-    const bool same = camera.width == rig.camera.model.width;
-    points = same     ? prepared.points
-             : pixels ? points_of_pixels(prepared.object.mesh, *prepared.occluder, camera, 1)
-                      : points_of_vertices(prepared.object.mesh, *prepared.occluder, camera);
-    if (pixels) neighbours.emplace(points, camera.width, camera.height);
+        truth(the_truth),
+        options(the_options) {
+    const GantryModel& gantry = rig.gantry.model;
+    if (!turns_object(gantry))
+      standing.emplace(rig, prepared, truth, options, home_position(gantry));
   }
   Studio(const Studio&) = delete;
   Studio& operator=(const Studio&) = delete;
@@ -98,10 +120,14 @@ struct Studio {
 /// Renders, exposes, merges and extracts one light, as a capture does; ambient light and dark
 /// frames are left out, whose mean the merge knows.
 BrdfObservations Studio::measure(int candidate, std::uint64_t noise_seed) const {
-  const LightPosition& light = prepared.candidates[static_cast<std::size_t>(candidate)].light;
+  const Candidate& chosen = prepared.candidates[static_cast<std::size_t>(candidate)];
+  std::optional<View> turned;
+  if (!standing) turned.emplace(rig, prepared, truth, options, chosen.gantry);
+  const View& view = standing ? *standing : *turned;
+  const CameraModel& camera = view.camera;
   const SensorModel& sensor = rig.camera.sensor;
   const Eigen::Array3d strength = rig.lamp.strength * rig.lamp.power;
-  const auto radiance = renderer.render(light, strength, {});
+  const auto radiance = view.renderer.render(chosen.light, strength, {});
   CHECK(radiance.has_value());
   std::vector<Frame> bracket;
   for (std::size_t i = 0; i < spec.bracket.exposures.size(); ++i) {
@@ -117,10 +143,11 @@ BrdfObservations Studio::measure(int candidate, std::uint64_t noise_seed) const 
   ExtractOptions extraction;
   extraction.limits = spec.plan.limits;
   extraction.lamp_strength = strength;
-  extraction.neighbours = neighbours ? &*neighbours : nullptr;
+  extraction.neighbours = view.neighbours ? &*view.neighbours : nullptr;
   extraction.footprints = footprints_per_row;
   const BrdfBasis& basis = prepared.fit_basis;
-  return extract(*image, nullptr, points, camera, light, basis.grid, basis.valid,
+  const auto observe = rig.camera.demosaic ? extract_demosaiced : extract;
+  return observe(*image, nullptr, view.points, camera, chosen.light, basis.grid, basis.valid,
                  *prepared.occluder, extraction);
 }
 

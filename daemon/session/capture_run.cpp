@@ -45,8 +45,7 @@ CaptureRun::CaptureRun(const CaptureTools& tools, Journal journal, Captured capt
     : t_(tools),
       journal_(std::move(journal)),
       captured_(std::move(captured)),
-      hand_(tools.rig, tools.prepared.candidates, tools.devices, tools.clock,
-            tools.control.stop_token()),
+      hand_(tools.rig, tools.prepared, tools.devices, tools.clock, tools.control.stop_token()),
       store_(tools.folder, tools.rig.camera.sensor),
       alongside_(tools.rig, tools.spec, tools.prepared, tools.folder),
       predicted_(capture_time(tools.rig, tools.spec, tools.prepared.plan)),
@@ -199,13 +198,12 @@ Result<FrameLikeness> CaptureRun::reference_likeness(const CapturedShot& shot,
                                                      const StoredFrame& stored) {
   const auto then = read_frame(t_.folder.root / stored.file);
   if (!then) return tl::unexpected(then.error());
-  const Shot& plan = planned(shot.index);
   if (auto there = approach(shot.index); !there) return tl::unexpected(there.error());
   if (auto on = hand_.lamp_on(); !on) return tl::unexpected(on.error());
   const auto now = hand_.expose(stored.exposure);
   if (!now) return tl::unexpected(now.error());
   if (auto dark = hand_.lamp_dark(); !dark) return tl::unexpected(dark.error());
-  return compare_frames(*then, *now, lit_sites(t_.rig, t_.spec, t_.prepared, plan.light),
+  return compare_frames(*then, *now, lit_sites(t_.rig, t_.spec, t_.prepared, shot.index),
                         t_.rig.camera.sensor);
 }
 

@@ -108,7 +108,7 @@ Result<std::vector<double>> CaptureRun::meter(TakenShot& shot) {
   if (!frame) return tl::unexpected(frame.error());
   if (auto stood = still_in_place(plan.gantry); !stood) return tl::unexpected(stood.error());
   const ExposureChoice choice =
-      choose_exposures(frame->frame, lit_sites(t_.rig, t_.spec, t_.prepared, plan.light),
+      choose_exposures(frame->frame, lit_sites(t_.rig, t_.spec, t_.prepared, shot.index),
                        plan.exposures, t_.rig.camera.sensor, t_.spec.bracket.target_snr);
   shot.frames.push_back(std::move(*frame));
   shot.skipped = choice.skipped;

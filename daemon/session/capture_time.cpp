@@ -7,6 +7,37 @@
 
 namespace lightrig {
 
+namespace {
+
+/// The lamp's way from place to place, around what stands in it.
+class Ways {
+ public:
+  explicit Ways(const Rig& rig) : rig_(rig), obstacles_(obstacles_of(rig, nullptr)) {}
+
+  /// [s]; the direct way's where no way is found: the capture itself will say so.
+  double time(const GantryPosition& from, const GantryPosition& to) {
+    const GantryModel& gantry = rig_.gantry.model;
+    if (obstacle_on_the_way(rig_, obstacles_, from, to).empty()) return move_time(gantry, from, to);
+    if (candidates_.empty()) candidates_ = lay_candidates(rig_).candidates;
+    const auto way = clear_way(rig_, obstacles_, candidates_, from, to);
+    if (!way) return move_time(gantry, from, to);
+    double sum = 0;
+    const GantryPosition* at = &from;
+    for (const GantryPosition& stop : *way) {
+      sum += move_time(gantry, *at, stop);
+      at = &stop;
+    }
+    return sum;
+  }
+
+ private:
+  const Rig& rig_;
+  const Obstacles obstacles_;
+  std::vector<Candidate> candidates_;  // laid when first needed
+};
+
+}  // namespace
+
 double metering_exposure(const std::vector<double>& offered) {
   CHECK(!offered.empty());
   return offered[(offered.size() - 1) / 2];
@@ -24,12 +55,13 @@ CaptureTime capture_time(const Rig& rig, const SessionSpec& spec, const Plan& pl
   };
   CaptureTime time;
   time.dark = frames(spec.bracket.exposures);
+  Ways ways(rig);
   GantryPosition at = home_position(rig.gantry.model);
   for (const int index : plan.visit_order) {
     const Shot& shot = plan.shots[static_cast<std::size_t>(index)];
     ShotTime step;
     step.shot = index;
-    step.move = move_time(rig.gantry.model, at, shot.gantry);
+    step.move = ways.time(at, shot.gantry);
     step.settle = rig.gantry.model.settle_time;
     step.warm_up = rig.lamp.warm_up;
     // The metering frame is one of the bracket's.

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "daemon/session/lay_candidates.h"
 
@@ -23,10 +22,7 @@ TimePoint later(TimePoint time, double seconds) {
                     std::chrono::duration<double>(seconds));
 }
 
-std::string axis_text(const Axis& axis, double value) {
-  return axis.rotary ? fmt::format("{:.4f}°", value * 180 / std::numbers::pi)
-                     : fmt::format("{:.3f} mm", value * 1000);
-}
+std::string axis_text(const Axis& axis, double value) { return value_text(axis, value, 4); }
 
 tl::unexpected<Error> not_open(const char* device) {
   return fail(ErrorCode::disconnected,
@@ -50,21 +46,22 @@ std::string not_in_place(const GantryModel& gantry, const GantryStatus& status,
     const auto axis = static_cast<Eigen::Index>(i);
     const double off = std::abs(status.position.axes[axis] - target.axes[axis]);
     // Written so that a position that is not a number is out of place.
-    if (!(off <= gantry.tolerance)) {
+    if (!(off <= tolerance_of(gantry, i))) {
       return fmt::format("axis {} stands at {}, {} from {} (tolerance {})", gantry.axes[i].name,
                          axis_text(gantry.axes[i], status.position.axes[axis]),
                          axis_text(gantry.axes[i], off),
                          axis_text(gantry.axes[i], target.axes[axis]),
-                         axis_text(gantry.axes[i], gantry.tolerance));
+                         axis_text(gantry.axes[i], tolerance_of(gantry, i)));
     }
   }
   return {};
 }
 
-DeviceHand::DeviceHand(const Rig& rig, const std::vector<Candidate>& candidates, Devices& devices,
-                       Clock& clock, std::stop_token stop)
+DeviceHand::DeviceHand(const Rig& rig, const Prepared& prepared, Devices& devices, Clock& clock,
+                       std::stop_token stop)
     : rig_(rig),
-      candidates_(candidates),
+      candidates_(prepared.candidates),
+      obstacles_(obstacles_of(rig, &prepared.object.mesh)),
       devices_(devices),
       clock_(clock),
       stop_(std::move(stop)) {}
@@ -116,7 +113,7 @@ Result<void> DeviceHand::go_to(const GantryPosition& target) {
     return fail(ErrorCode::refused,
                 "move the gantry: " + not_in_place(rig_.gantry.model, *now, target));
   }
-  const auto way = clear_way(rig_, candidates_, now->position, target);
+  const auto way = clear_way(rig_, obstacles_, candidates_, now->position, target);
   if (!way) return tl::unexpected(with_context("move the gantry", way.error()));
   GantryPosition from = now->position;
   for (const GantryPosition& stop : *way) {

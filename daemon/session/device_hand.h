@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "config/rig.h"
+#include "daemon/session/lay_candidates.h"
 #include "daemon/session/session.h"
 #include "drivers/devices.h"
 
@@ -16,13 +17,13 @@ namespace lightrig {
 /// verb retries. Used by one thread.
 class DeviceHand {
  public:
-  DeviceHand(const Rig& rig, const std::vector<Candidate>& candidates, Devices& devices,
-             Clock& clock, std::stop_token stop);
+  DeviceHand(const Rig& rig, const Prepared& prepared, Devices& devices, Clock& clock,
+             std::stop_token stop);
 
   Result<void> home();
   Result<GantryStatus> status();
 
-  /// Drives there clear of every keep-out volume, lets the arm settle and sees that it stays.
+  /// Drives there clear of every obstacle, lets the arm settle and sees that it stays.
   Result<void> go_to(const GantryPosition& target);
 
   /// That the gantry is there: homed, at rest, within tolerance, no alarm, no interlock open.
@@ -63,6 +64,7 @@ class DeviceHand {
 
   const Rig& rig_;
   const std::vector<Candidate>& candidates_;
+  const Obstacles obstacles_;
   Devices& devices_;
   Clock& clock_;
   std::stop_token stop_;

@@ -4,6 +4,7 @@
 
 #include <system_error>
 
+#include "config/calibration_file.h"
 #include "core/brdf_table.h"
 #include "daemon/session/durable_file.h"
 
@@ -36,6 +37,7 @@ Result<std::vector<InputFile>> copy_inputs(const SessionFolder& folder, const Ri
   if (!spec.object.mesh.empty()) named.emplace_back("mesh", spec.object.mesh);
   if (!spec.reference.empty()) named.emplace_back("reference", spec.reference);
   if (!rig.camera.calibration.empty()) named.emplace_back("calibration", rig.camera.calibration);
+  if (!rig.lamp.white_reference.empty()) named.emplace_back("white", rig.lamp.white_reference);
   if (const auto* modbus = std::get_if<ModbusGantry>(&rig.gantry.backend)) {
     named.emplace_back("profile", modbus->profile);
   }
@@ -77,7 +79,12 @@ Result<void> use_inputs(const SessionFolder& folder, const std::vector<InputFile
     } else if (input.role == "reference") {
       spec.reference = path;
     } else if (input.role == "calibration") {
-      rig.camera.calibration = path;
+      if (auto applied = apply_camera_calibration(path, rig.camera); !applied)
+        return tl::unexpected(with_context(input.file, applied.error()));
+    } else if (input.role == "white") {
+      const bool near = !rig.gantry.model.distant_lamp;
+      if (auto applied = apply_white_reference(path, near, rig.lamp); !applied)
+        return tl::unexpected(with_context(input.file, applied.error()));
     } else if (input.role == "truth" && rig.simulation) {
       rig.simulation->material = path.string();
     } else if (input.role == "profile") {

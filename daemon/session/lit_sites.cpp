@@ -28,17 +28,21 @@ double variance_of(const SensorModel& sensor, double signal) {
 }  // namespace
 
 std::vector<std::uint8_t> lit_sites(const Rig& rig, const SessionSpec& spec,
-                                    const Prepared& prepared, const LightPosition& light) {
-  const SurfacePoints& points = prepared.points;
+                                    const Prepared& prepared, int shot) {
+  const Shot& planned = prepared.plan.shots[static_cast<std::size_t>(shot)];
+  const LightPosition& light = planned.light;
+  const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, planned.gantry);
+  const SurfacePoints& points = points_of_shot(prepared, shot);
   std::vector<Eigen::Vector3d> positions, normals;
   std::vector<std::size_t> sites;
   const int width = rig.camera.model.width, height = rig.camera.model.height;
   for (Eigen::Index i = 0; i < points.size(); ++i) {
     const Eigen::Vector3d x = points.position.col(i), n = points.normal.col(i);
     if (!within(spec.plan.limits, n, light.direction_from(x), points.view.col(i))) continue;
+    if (!light.reaches(x)) continue;
     int site = points.source[static_cast<std::size_t>(i)];
     if (!points.from_pixels) {
-      const Eigen::Vector2d pixel = project(rig.camera.model, x);
+      const Eigen::Vector2d pixel = project(camera, x);
       const int column = static_cast<int>(std::lround(pixel.x()));
       const int row = static_cast<int>(std::lround(pixel.y()));
       if (column < 0 || row < 0 || column >= width || row >= height) continue;

@@ -9,10 +9,10 @@
 
 namespace lightrig {
 
-/// Sensor sites (height · width) at which a sample will be taken under this light: 1 where a point
-/// that planning looks at is lit, unshadowed and within the grazing limits.
+/// Sensor sites (height · width) at which a sample will be taken in this shot of the plan: 1 where
+/// a point that planning looks at is lit, unshadowed and within the grazing limits.
 std::vector<std::uint8_t> lit_sites(const Rig& rig, const SessionSpec& spec,
-                                    const Prepared& prepared, const LightPosition& light);
+                                    const Prepared& prepared, int shot);
 
 /// How a frame of a scene compares with an earlier one of the same scene at the same exposure.
 struct FrameLikeness {

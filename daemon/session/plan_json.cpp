@@ -80,9 +80,11 @@ Json left_out_json(const LeftOut& left_out) {
   const BinningStatistics& b = left_out.binning;
   const SelectionStatistics& s = left_out.selection;
   Json json;
-  json["candidates"] = {{"offered", left_out.candidates_offered},
-                        {"unreachable", left_out.candidates_unreachable},
-                        {"kept_out", left_out.candidates_kept_out}};
+  json["candidates"] = {
+      {"offered", left_out.candidates_offered},   {"unreachable", left_out.candidates_unreachable},
+      {"kept_out", left_out.candidates_kept_out}, {"touching", left_out.candidates_touching},
+      {"in_view", left_out.candidates_in_view},   {"into_lens", left_out.candidates_into_lens},
+      {"hiding", left_out.candidates_hiding}};
   json["bins"] = {{"pairs_tested", b.points_tested},
                   {"back_facing", b.back_facing},
                   {"no_half_vector", b.no_half_vector},
@@ -178,6 +180,14 @@ LeftOut left_out_of(const JsonCursor& at) {
   left_out.candidates_offered = candidates["offered"].small_integer();
   left_out.candidates_unreachable = candidates["unreachable"].small_integer();
   left_out.candidates_kept_out = candidates["kept_out"].small_integer();
+  // Plans made before these were told apart lack them.
+  const auto if_told = [&](const char* key) {
+    return candidates.has(key) ? candidates[key].small_integer() : 0;
+  };
+  left_out.candidates_touching = if_told("touching");
+  left_out.candidates_in_view = if_told("in_view");
+  left_out.candidates_into_lens = if_told("into_lens");
+  left_out.candidates_hiding = if_told("hiding");
   left_out.binning = {.points_tested = bins["pairs_tested"].integer(),
                       .back_facing = bins["back_facing"].integer(),
                       .no_half_vector = bins["no_half_vector"].integer(),
@@ -246,6 +256,10 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
     positions.push_back(vector_json(candidate.light.p));
   }
   json["candidates"] = std::move(positions);
+  json["unusable"] = Json::array();
+  for (const UnusableCandidate& candidate : prepared.unusable)
+    json["unusable"].push_back(
+        {{"at", vector_json(candidate.light.p)}, {"why", text_of(candidate.why)}});
   Json stages = Json::object();
   double total = 0;
   for (const StageCost& stage : prepared.cost) {

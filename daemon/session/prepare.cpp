@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <map>
+#include <span>
 #include <thread>
 #include <utility>
 
@@ -113,13 +115,20 @@ Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock&
   return {};
 }
 
+/// What the camera sees at a position of the gantry.
+SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                          const GantryPosition& position) {
+  const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, position);
+  return spec.plan.points == PointSource::pixels
+             ? points_of_pixels(prepared.object.mesh, *prepared.occluder, camera,
+                                spec.plan.pixel_stride)
+             : points_of_vertices(prepared.object.mesh, *prepared.occluder, camera);
+}
+
 Result<void> look_at_object(const Rig& rig, const SessionSpec& spec, Prepared& prepared,
                             StageClock& clock) {
   const CameraModel& camera = rig.camera.model;
-  prepared.points = spec.plan.points == PointSource::pixels
-                        ? points_of_pixels(prepared.object.mesh, *prepared.occluder, camera,
-                                           spec.plan.pixel_stride)
-                        : points_of_vertices(prepared.object.mesh, *prepared.occluder, camera);
+  prepared.points = points_seen(rig, spec, prepared, home_position(rig.gantry.model));
   clock.done("points");
   if (prepared.points.size() > 0) return {};
   const Eigen::Vector3d centre = prepared.object.mesh.vertices.rowwise().mean();
@@ -140,34 +149,90 @@ tl::unexpected<Error> nothing_lit(const LeftOut& left_out, std::size_t candidate
                                   Eigen::Index points) {
   return fail(
       ErrorCode::invalid_input,
-      fmt::format("find lamp positions: of {} offered, {} are out of the gantry's travel, {} "
-                  "in a keep-out volume or in the picture, and the {} that are left light "
-                  "none of the {} points the camera sees within the grazing limits; check "
-                  "[gantry] travel, [keep_out] and where the camera looks",
-                  left_out.candidates_offered, left_out.candidates_unreachable,
-                  left_out.candidates_kept_out, candidates, points));
+      fmt::format(
+          "find lamp positions: of {} offered, {} are out of the gantry's travel, at {} lamp "
+          "or arm would touch a keep-out volume or what [gantry.body] names, {} show in "
+          "the picture, {} shine into the lens, {} stand before the object, and the {} "
+          "that are left light none of the {} points the camera sees within the grazing "
+          "limits; check [gantry] travel and body, [keep_out] and where the camera looks",
+          left_out.candidates_offered, left_out.candidates_unreachable,
+          left_out.candidates_touching, left_out.candidates_in_view, left_out.candidates_into_lens,
+          left_out.candidates_hiding, candidates, points));
+}
+
+void add(BinningStatistics& sum, const BinningStatistics& part) {
+  sum.points_tested += part.points_tested;
+  sum.back_facing += part.back_facing;
+  sum.no_half_vector += part.no_half_vector;
+  sum.repeated += part.repeated;
+  sum.passed_over += part.passed_over;
+  sum.rays_cast += part.rays_cast;
+  sum.rays_left_out += part.rays_left_out;
+  sum.convex = part.convex;
+}
+
+/// Candidates by how the camera sees the object: on a turntable one group for every turn.
+std::vector<std::vector<std::size_t>> candidates_by_view(const Rig& rig,
+                                                         const std::vector<Candidate>& candidates) {
+  std::map<double, std::vector<std::size_t>> views;
+  const bool turns = turns_object(rig.gantry.model);
+  for (std::size_t i = 0; i < candidates.size(); ++i)
+    views[turns ? candidates[i].gantry.axes[0] : 0.0].push_back(i);
+  std::vector<std::vector<std::size_t>> groups;
+  for (auto& [turn, group] : views) groups.push_back(std::move(group));
+  return groups;
+}
+
+BinningResult bin_views(const Rig& rig, const SessionSpec& spec, const Prepared& prepared) {
+  const BrdfBasis& basis = prepared.plan_basis;
+  std::vector<std::span<const std::int32_t>> cells(prepared.candidates.size());
+  std::vector<BinningResult> parts;
+  const auto groups = candidates_by_view(rig, prepared.candidates);
+  parts.reserve(groups.size());  // spans point into them
+  for (const std::vector<std::size_t>& group : groups) {
+    std::vector<LightPosition> lights;
+    for (const std::size_t i : group) lights.push_back(prepared.candidates[i].light);
+    SurfacePoints turned;
+    if (turns_object(rig.gantry.model))
+      turned = points_seen(rig, spec, prepared, prepared.candidates[group.front()].gantry);
+    const SurfacePoints& seen = turns_object(rig.gantry.model) ? turned : prepared.points;
+    // Extraction passes over pixels that mix radiances: a plan must not count on them.
+    const CameraModel& camera = rig.camera.model;
+    SurfacePoints whole;
+    if (seen.from_pixels && seen.size() > 0)
+      whole = PixelNeighbours(seen, camera.width, camera.height).whole_points();
+    parts.push_back(bin_candidates(whole.size() > 0 ? whole : seen, lights, basis.grid, basis.valid,
+                                   spec.plan.limits, *prepared.occluder, spec.plan.shadows,
+                                   thread_count()));
+    for (std::size_t k = 0; k < group.size(); ++k)
+      cells[group[k]] = parts.back().bins.of(static_cast<int>(k));
+  }
+  if (parts.size() == 1) return std::move(parts.front());
+  BinningResult whole;
+  whole.bins.grid = basis.grid;
+  whole.bins.offset.push_back(0);
+  for (const std::span<const std::int32_t> of_one : cells) {
+    whole.bins.cell.insert(whole.bins.cell.end(), of_one.begin(), of_one.end());
+    whole.bins.offset.push_back(static_cast<std::int64_t>(whole.bins.cell.size()));
+  }
+  for (const BinningResult& part : parts) add(whole.statistics, part.statistics);
+  return whole;
 }
 
 Result<void> bin(const Rig& rig, const SessionSpec& spec, Prepared& prepared, StageClock& clock) {
   LeftOut& left_out = prepared.plan.left_out;
-  CandidateLayout layout = lay_candidates(rig);
+  CandidateLayout layout = lay_candidates(rig, &prepared.object.mesh);
   left_out.candidates_offered = layout.offered;
-  left_out.candidates_unreachable = layout.unreachable;
-  left_out.candidates_kept_out = layout.kept_out;
+  left_out.candidates_unreachable = layout.count(NotUsable::unreachable);
+  left_out.candidates_touching = layout.count(NotUsable::kept_out);
+  left_out.candidates_in_view = layout.count(NotUsable::in_view);
+  left_out.candidates_into_lens = layout.count(NotUsable::into_lens);
+  left_out.candidates_hiding = layout.count(NotUsable::hides);
+  left_out.candidates_kept_out =
+      static_cast<int>(layout.unusable.size()) - left_out.candidates_unreachable;
   prepared.candidates = std::move(layout.candidates);
-  std::vector<LightPosition> lights;
-  lights.reserve(prepared.candidates.size());
-  for (const Candidate& candidate : prepared.candidates) lights.push_back(candidate.light);
-  const BrdfBasis& basis = prepared.plan_basis;
-  // Extraction passes over pixels that mix radiances: a plan must not count on them.
-  const CameraModel& camera = rig.camera.model;
-  SurfacePoints whole;
-  if (prepared.points.from_pixels) {
-    whole = PixelNeighbours(prepared.points, camera.width, camera.height).whole_points();
-  }
-  BinningResult binned =
-      bin_candidates(whole.size() > 0 ? whole : prepared.points, lights, basis.grid, basis.valid,
-                     spec.plan.limits, *prepared.occluder, spec.plan.shadows, thread_count());
+  prepared.unusable = std::move(layout.unusable);
+  BinningResult binned = bin_views(rig, spec, prepared);
   clock.done("bins");
   prepared.bins = std::move(binned.bins);
   left_out.binning = binned.statistics;
@@ -293,6 +358,13 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
   return {};
 }
 
+/// The sides of a turned object that the plan's shots show.
+void see_turned(const Rig& rig, const SessionSpec& spec, Prepared& prepared) {
+  if (!turns_object(rig.gantry.model)) return;
+  for (const Shot& shot : prepared.plan.shots)
+    prepared.turned_points.push_back(points_seen(rig, spec, prepared, shot.gantry));
+}
+
 /// Everything but the choice of lights.
 Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec) {
   Prepared prepared;
@@ -322,10 +394,9 @@ Result<void> check_shot(const Rig& rig, const SessionSpec& spec, const Prepared&
                             "made for another rig file: plan again",
                             shot.candidate));
   }
-  const bool right_axes =
-      shot.gantry.axes.size() == static_cast<Eigen::Index>(rig.gantry.model.axes.size()) &&
-      (light_at(rig.gantry.model, shot.gantry).p - shot.light.p).norm() <=
-          off * shot.light.p.norm();
+  const bool right_axes = within_limits(rig.gantry.model, shot.gantry) &&
+                          (light_at(rig.gantry.model, shot.gantry).p - shot.light.p).norm() <=
+                              off * shot.light.p.norm();
   if (!right_axes) {
     return fail(ErrorCode::invalid_input,
                 fmt::format("its gantry_axes for candidate {} do not put the lamp at its own "
@@ -345,6 +416,11 @@ Result<void> check_shot(const Rig& rig, const SessionSpec& spec, const Prepared&
 
 }  // namespace
 
+const SurfacePoints& points_of_shot(const Prepared& prepared, int shot) {
+  return prepared.turned_points.empty() ? prepared.points
+                                        : prepared.turned_points[static_cast<std::size_t>(shot)];
+}
+
 Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force) {
   auto prepared = prepare_scene(rig, spec);
   if (!prepared) return prepared;
@@ -352,6 +428,7 @@ Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_for
   if (auto chosen = choose_lights(rig, spec, brute_force, *prepared, clock); !chosen) {
     return tl::unexpected(chosen.error());
   }
+  see_turned(rig, spec, *prepared);
   prepared->peak_memory_mib = peak_memory_mib();
   return prepared;
 }
@@ -365,6 +442,10 @@ Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, cons
     }
   }
   prepared->plan = plan;
+  // The file holds where a lamp is, the rig how it shines.
+  for (Shot& shot : prepared->plan.shots)
+    shot.light = prepared->candidates[static_cast<std::size_t>(shot.candidate)].light;
+  see_turned(rig, spec, *prepared);
   return prepared;
 }
 

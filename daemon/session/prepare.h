@@ -13,6 +13,7 @@
 #include "core/candidate_bins.h"
 #include "core/plan.h"
 #include "core/surface_points.h"
+#include "daemon/session/lay_candidates.h"
 
 namespace lightrig {
 
@@ -27,19 +28,27 @@ struct StageCost {
 struct Prepared {
   LoadedObject object;
   std::shared_ptr<const Occluder> occluder;
-  SurfacePoints points;  ///< what extraction looks at; planning counts on its whole pixels alone
+  SurfacePoints points;  ///< what extraction looks at; planning counts on its whole pixels alone;
+                         ///< on a turntable: as it is homed
+  /// On a turntable every shot shows another side of the object: what is then seen, per shot of the
+  /// plan. Empty elsewhere. Ask points_of_shot().
+  std::vector<SurfacePoints> turned_points;
   std::vector<Material>
       materials;          ///< of the basis (kept for the material distances that reports show)
   BrdfBasis fit_basis;    ///< for reconstruction
   AzimuthModel azimuths;  ///< what φd adds to fit_basis; none() where the materials have no φd
   BrdfBasis plan_basis;   ///< for planning: fit_basis, or its first K components, or stacked
   std::vector<Candidate> candidates;
+  std::vector<UnusableCandidate> unusable;  ///< what the rule offered besides
   CandidateBins bins;
   Plan plan;
   std::vector<StageCost> cost;
   double peak_memory_mib = 0;        ///< of this process so far, once all of this is ready
   std::vector<std::string> remarks;  ///< mesh repairs, materials passed over, candidates left out
 };
+
+/// The points that a shot of the plan looks at, in the frame of the object as modelled.
+const SurfacePoints& points_of_shot(const Prepared& prepared, int shot);
 
 /// Reads what the files name and plans. Errors: invalid_input when the camera does not see the
 /// object or no reachable lamp position lights anything it sees, with the counts.

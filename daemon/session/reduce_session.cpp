@@ -9,6 +9,7 @@
 #include "daemon/session/frame_file.h"
 #include "daemon/session/held_out.h"
 #include "daemon/session/manifest.h"
+#include "daemon/session/picture_file.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/report.h"
 #include "daemon/session/result_pictures.h"
@@ -175,7 +176,12 @@ ReductionSummary summary_of(const SessionResult& result, const fs::path& folder)
 
 }  // namespace
 
-Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path& out, int threads) {
+Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path& out, int threads,
+                                        const fs::path& environment) {
+  const Result<Environment> surroundings = environment.empty()
+                                               ? Result<Environment>(studio_environment())
+                                               : read_environment(environment);
+  if (!surroundings) return tl::unexpected(surroundings.error());
   const auto record = read_session_folder(session);
   if (!record) return tl::unexpected(record.error());
   const auto prepared = prepare_with_plan(record->rig, record->spec, record->plan);
@@ -217,8 +223,9 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   result.left_out = left_out_lines(*record, *prepared, reduction.basis());
   result.warnings = warnings_of(*record, *prepared, result);
   Stopwatch drawing("pictures", after);
-  const auto pictures = draw_pictures(reduction, *prepared->occluder,
-                                      *reference ? &(*reference)->table : nullptr, threads);
+  const auto pictures =
+      draw_pictures(reduction, *prepared->occluder, *reference ? &(*reference)->table : nullptr,
+                    *surroundings, threads);
   drawing.stop();
   if (!pictures) return tl::unexpected(pictures.error());
   for (const std::vector<StageCost>& part : {reduction.cost(), after}) {

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/extract_demosaiced.h"
 #include "core/merge_hdr.h"
 #include "core/pixel_neighbours.h"
 #include "core/refine.h"
@@ -106,9 +107,10 @@ struct Reduction::State {
   BrdfBasis basis;            ///< the fit's; its model error is what the data showed
   double expected_sigma = 0;  ///< model error before any data, mapped units
   std::optional<std::vector<Frame>> darks;
-  std::optional<ImageSites> sites;
-  std::optional<PixelNeighbours> neighbours;
-  std::vector<BrdfObservations> measured;      ///< as extracted
+  std::vector<ImageSites> sites;  ///< one; on a turntable one per shot
+  std::optional<PixelNeighbours>
+      neighbours;                          ///< of the shot in hand, or of all where all look alike
+  std::vector<BrdfObservations> measured;  ///< as extracted
   std::vector<BrdfObservations> observations;  ///< refined by the last estimate
   std::vector<ReducedShot> shots;
   Coefficients coefficients;
@@ -150,22 +152,27 @@ void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImag
   extraction.limits = spec->plan.limits;
   extraction.lamp_strength = reduced.strength;
   extraction.threads = options.threads;
-  if (prepared->points.from_pixels && !neighbours) {
-    neighbours.emplace(prepared->points, image.width, image.height);
+  const GantryModel& gantry = rig->gantry.model;
+  const Shot& planned = prepared->plan.shots[static_cast<std::size_t>(shot.index)];
+  const CameraModel camera = camera_at(gantry, rig->camera.model, planned.gantry);
+  const SurfacePoints& points = points_of_shot(*prepared, shot.index);
+  if (points.from_pixels && (!neighbours || turns_object(gantry))) {
+    neighbours.emplace(points, image.width, image.height);
   }
   extraction.neighbours = neighbours ? &*neighbours : nullptr;
   if (spec->estimator == Estimator::map) extraction.footprints = footprints_per_row;
-  measured.push_back(extract(image, ambient, prepared->points, rig->camera.model, reduced.light,
-                             basis.grid, basis.valid, *prepared->occluder, extraction));
+  const auto observe = rig->camera.demosaic ? extract_demosaiced : extract;
+  measured.push_back(observe(image, ambient, points, camera, reduced.light, basis.grid, basis.valid,
+                             *prepared->occluder, extraction));
   observations.push_back(measured.back());
   extracting.stop();
   if (options.pictures) {
     Stopwatch drawing("pictures", cost);
-    if (!sites) {
-      sites = lightrig::image_sites(prepared->object.mesh, *prepared->occluder, rig->camera.model,
-                                    rig->camera.sensor.filter, picture_pixels);
+    if (sites.empty() || turns_object(gantry)) {
+      sites.push_back(lightrig::image_sites(prepared->object.mesh, *prepared->occluder, camera,
+                                            rig->camera.sensor.filter, picture_pixels));
     }
-    reduced.site_radiance = captured_radiance(*sites, image, ambient);
+    reduced.site_radiance = captured_radiance(sites.back(), image, ambient);
   }
   shots.push_back(std::move(reduced));
 }
@@ -291,8 +298,10 @@ double Reduction::expected_sigma() const { return state_->expected_sigma; }
 const Coefficients& Reduction::coefficients() const { return state_->coefficients; }
 const Reconstruction& Reduction::reconstruction() const { return state_->reconstruction; }
 std::vector<StageCost> Reduction::cost() const { return state_->cost; }
-const ImageSites* Reduction::image_sites() const {
-  return state_->sites ? &*state_->sites : nullptr;
+const ImageSites* Reduction::image_sites(std::size_t shot) const {
+  const std::vector<ImageSites>& sites = state_->sites;
+  if (sites.empty()) return nullptr;
+  return &sites[std::min(shot, sites.size() - 1)];
 }
 
 }  // namespace lightrig

@@ -91,8 +91,8 @@ class Reduction {
   const Coefficients& coefficients() const;
   const Reconstruction& reconstruction() const;
 
-  /// The sites of ReducedShot::site_radiance; null before the first shot or without pictures.
-  const ImageSites* image_sites() const;
+  /// The sites of shots()[shot].site_radiance; null before the first shot or without pictures.
+  const ImageSites* image_sites(std::size_t shot) const;
 
   /// Seconds spent so far on reading, merging, extracting, fitting and storing radiance.
   std::vector<StageCost> cost() const;
@@ -117,9 +117,12 @@ struct ReductionSummary {
 };
 
 /// Reduces a whole session folder and writes radiance/ and result/ (brdf.binary, coefficients.json,
-/// uncertainty, result.json, PNGs, report.html) under `out` ("": the folder itself). Errors: those
-/// of reading the folder; invalid_input when it holds no light to fit; no_space, refused.
+/// uncertainty, result.json, PNGs, report.html) under `out` ("": the folder itself). The report's
+/// sphere stands in the light of the picture `environment` ("": a studio). Errors: those of reading
+/// the folder and the picture; invalid_input when the folder holds no light to fit; no_space,
+/// refused.
 Result<ReductionSummary> reduce_session(const std::filesystem::path& session,
-                                        const std::filesystem::path& out, int threads);
+                                        const std::filesystem::path& out, int threads,
+                                        const std::filesystem::path& environment = {});
 
 }  // namespace lightrig

@@ -159,11 +159,11 @@ Picture cropped(const Picture& picture, const Crop& crop) {
 
 void draw_lights(const Reduction& reduction, const Occluder& occluder, int threads, Album& album,
                  ResultPictures& out) {
-  const ImageSites* sites = reduction.image_sites();
-  if (sites == nullptr) return;
   const BrdfLookup brdf(reduction.reconstruction().brdf);
   for (std::size_t i = 0; i < reduction.shots().size(); ++i) {
     const ReducedShot& shot = reduction.shots()[i];
+    const ImageSites* sites = reduction.image_sites(i);
+    if (sites == nullptr) return;
     const std::vector<float> predicted =
         predicted_radiance(*sites, brdf, shot.light, shot.strength, occluder, threads);
     const LinearImage captured = block_image(*sites, shot.site_radiance);
@@ -185,12 +185,12 @@ void draw_lights(const Reduction& reduction, const Occluder& occluder, int threa
   }
 }
 
-void draw_spheres(const BrdfTable& brdf, const BrdfTable* reference, int threads, Album& album,
-                  ResultPictures& out) {
+void draw_spheres(const BrdfTable& brdf, const BrdfTable* reference,
+                  const Environment& surroundings, int threads, Album& album, ResultPictures& out) {
   std::vector<const BrdfTable*> materials{&brdf};
   if (reference != nullptr) materials.push_back(reference);
   const std::vector<LinearImage> images =
-      render_spheres(materials, studio_environment(), sphere_pixels, threads);
+      render_spheres(materials, surroundings, sphere_pixels, threads);
   const ToneMapping tone = choose_tone(images.back());
   std::vector<Picture> row;
   for (const LinearImage& image : images) row.push_back(tone_mapped(image, tone));
@@ -253,7 +253,8 @@ std::vector<float> table_difference(const BrdfTable& a, const BrdfTable& b, doub
 }
 
 Result<ResultPictures> draw_pictures(const Reduction& reduction, const Occluder& occluder,
-                                     const BrdfTable* reference, int threads) {
+                                     const BrdfTable* reference, const Environment& surroundings,
+                                     int threads) {
   Album album;
   ResultPictures out;
   out.with_reference = reference != nullptr;
@@ -261,7 +262,7 @@ Result<ResultPictures> draw_pictures(const Reduction& reduction, const Occluder&
   draw_tables(fit, reduction.basis().mapping.floor, reference, album, out);
   draw_coverage(reduction, album, out);
   draw_lights(reduction, occluder, threads, album, out);
-  draw_spheres(fit.brdf, reference, threads, album, out);
+  draw_spheres(fit.brdf, reference, surroundings, threads, album, out);
   if (album.error()) return tl::unexpected(*album.error());
   return out;
 }

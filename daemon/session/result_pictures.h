@@ -4,13 +4,15 @@
 #include "daemon/session/picture.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/report.h"
+#include "daemon/session/sphere_view.h"
 
 namespace lightrig {
 
 /// Draws every picture of a result from a reduction that kept what pictures need; `reference` may
-/// be null. Errors: those of encoding a PNG.
+/// be null; the sphere stands in `surroundings`. Errors: those of encoding a PNG.
 Result<ResultPictures> draw_pictures(const Reduction& reduction, const Occluder& occluder,
-                                     const BrdfTable* reference, int threads);
+                                     const BrdfTable* reference, const Environment& surroundings,
+                                     int threads);
 
 /// A table and, beside it where there is one, another: ln f of the mean over the channels, in false
 /// colour between low and high [1/sr]. θh grows to the right, θd upwards.

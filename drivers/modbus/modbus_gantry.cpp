@@ -160,20 +160,19 @@ Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target,
       return fail(ErrorCode::refused, "interlock opened: " + now->open_interlocks.front());
     seen_busy = seen_busy || !now->at_rest;
     const bool believable = (rule.must_see_busy && seen_busy) || clock_.now() >= earliest;
-    const bool there =
-        target ? (now->position.axes - target->axes).cwiseAbs().maxCoeff() <= model_.tolerance
-               : homed_ || now->homed;
+    const bool there = target ? arrived(model_, now->position, *target) : homed_ || now->homed;
     if (now->at_rest && believable && there) {
       moving_ = false;
       return {};
     }
     if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
-    last_seen =
-        now->at_rest && target
-            ? fmt::format("the drives rest {:.4g} (rad or m) from the target, tolerance {:.4g}",
+    last_seen = now->at_rest && target
+                    ? fmt::format(
+                          "the drives rest {:.4g} (rad or m) from the target, tolerance {:.4g} "
+                          "rad or {:.4g} m",
                           (now->position.axes - target->axes).cwiseAbs().maxCoeff(),
-                          model_.tolerance)
-            : std::string("the drives did not come to rest in time");
+                          model_.tolerance, model_.linear_tolerance)
+                    : std::string("the drives did not come to rest in time");
     if (clock_.now() >= until.deadline) return fail(ErrorCode::timed_out, last_seen);
     clock_.sleep_until(clock_.now() + poll_interval, until.stop);
   }

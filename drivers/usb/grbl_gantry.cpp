@@ -185,12 +185,14 @@ Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& target, co
     if (!now->open_interlocks.empty())
       return fail(ErrorCode::refused, "interlock opened: " + now->open_interlocks.front());
     const double off = (now->position.axes - target.axes).cwiseAbs().maxCoeff();
-    if (now->at_rest && off <= model_.tolerance) return {};
+    if (now->at_rest && arrived(model_, now->position, target)) return {};
     if (now->at_rest && ++idle_elsewhere >= idle_polls_before_start)
       return fail(
           ErrorCode::refused,
-          fmt::format("the controller rests {:.4g} (rad or m) from the target, tolerance {:.4g}",
-                      off, model_.tolerance));
+          fmt::format(
+              "the controller rests {:.4g} (rad or m) from the target, tolerance {:.4g} rad "
+              "or {:.4g} m",
+              off, model_.tolerance, model_.linear_tolerance));
     if (!now->at_rest) idle_elsewhere = 0;
     clock_.sleep_until(clock_.now() + poll_interval, until.stop);
   }

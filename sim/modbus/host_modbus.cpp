@@ -64,7 +64,11 @@ Result<std::vector<HostedWire>> host_wire(const Rig& rig, const ModbusLamp& back
     for (const ModbusDrive& drive : gantry->drives)
       if (same_wire(drive.endpoint, backend.endpoint)) return std::vector<HostedWire>{};
   ModbusServer::Units units;
-  units[backend.unit] = std::make_unique<LampRegister>(backend, std::move(world));
+  if (std::holds_alternative<FixedLampsGantry>(rig.gantry.backend)) {
+    units[backend.unit] = std::make_unique<LampBankRegisters>(backend, std::move(world));
+  } else {
+    units[backend.unit] = std::make_unique<LampRegister>(backend, std::move(world));
+  }
   auto wire = host("lamp", backend.endpoint, std::move(units), std::move(faults), Wire::lamp);
   if (!wire) return tl::unexpected(wire.error());
   return std::vector<HostedWire>{std::move(*wire)};

@@ -123,7 +123,15 @@ TEST(Descriptions, GiveNoDefaultToWhatCanHurt) {
                                            "settle_s",
                                            "max_power",
                                            "max_on_time_s",
-                                           "counts_per_deg"};
+                                           "counts_per_deg",
+                                           "min_mm",
+                                           "max_mm",
+                                           "max_speed_mm_per_s",
+                                           "max_acceleration_mm_per_s2",
+                                           "home_mm",
+                                           "tolerance_mm",
+                                           "counts_per_mm",
+                                           "margin_m"};
   std::set<std::string> seen;
   for_each_key([&](const TableSpec& table, const KeySpec& key) {
     if (!dangerous.contains(key.name)) return;

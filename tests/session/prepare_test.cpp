@@ -40,11 +40,10 @@ TEST(LayCandidates, LeavesOutWhatIsOutOfReachKeptOutOrInThePicture) {
   const Rig plain = small_rig(scratch.path());
   const CandidateLayout layout = lay_candidates(plain);
   EXPECT_EQ(layout.offered, 120);
-  EXPECT_EQ(layout.offered,
-            layout.unreachable + layout.kept_out + static_cast<int>(layout.candidates.size()));
+  EXPECT_EQ(layout.offered, static_cast<int>(layout.unusable.size() + layout.candidates.size()));
   // Elevations below 5° are out of travel: (1 + sin 5°)/2 of the sphere's area, and some of what
   // lies beyond 170° of azimuth and 88° of elevation.
-  EXPECT_NEAR(layout.unreachable, 120 * 0.5436, 6);
+  EXPECT_NEAR(layout.count(NotUsable::unreachable), 120 * 0.5436, 6);
   for (const Candidate& candidate : layout.candidates) {
     EXPECT_NEAR(candidate.light.p.norm(), 0.8, 1e-9);
     EXPECT_TRUE(within_limits(plain.gantry.model, candidate.gantry));
@@ -52,13 +51,13 @@ TEST(LayCandidates, LeavesOutWhatIsOutOfReachKeptOutOrInThePicture) {
   Rig boxed = plain;
   boxed.keep_out.push_back(KeepOutBox{"left half", {-2, -2, -2}, {0, 2, 2}});
   const CandidateLayout half = lay_candidates(boxed);
-  EXPECT_GT(half.kept_out, layout.kept_out + 15);
+  EXPECT_GT(half.count(NotUsable::kept_out), layout.count(NotUsable::kept_out) + 15);
   for (const Candidate& candidate : half.candidates) EXPECT_GT(candidate.light.p.x(), 0);
   // A camera that looks straight up at the dome has lamps in its picture.
   Rig upward = plain;
   upward.camera.model.camera_from_world = look_at({0, 0, -1}, {0, 0, 0}, Eigen::Vector3d::UnitY());
   upward.camera.model.fx = upward.camera.model.fy = 30;
-  EXPECT_GT(lay_candidates(upward).kept_out, layout.kept_out);
+  EXPECT_GT(lay_candidates(upward).count(NotUsable::in_view), layout.count(NotUsable::in_view));
 }
 
 TEST(ClearWay, GoesRoundAKeepOutVolumeOrSaysThatItCannot) {

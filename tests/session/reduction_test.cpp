@@ -179,7 +179,7 @@ TEST(Reduction, PredictsTheImageItCaptured) {
   const BrdfLookup brdf(truth_table(lab));
   const ReducedShot& shot = reduction.shots()[2];
   const std::vector<float> predicted = predicted_radiance(
-      *reduction.image_sites(), brdf, shot.light, shot.strength, *lab.prepared.occluder, 2);
+      *reduction.image_sites(0), brdf, shot.light, shot.strength, *lab.prepared.occluder, 2);
   double seen = 0, difference = 0;
   for (std::size_t i = 0; i < predicted.size(); ++i) {
     seen += static_cast<double>(std::abs(shot.site_radiance[i]));

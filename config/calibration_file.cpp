@@ -1,0 +1,156 @@
+#include "config/calibration_file.h"
+
+#include <fmt/format.h>
+#include <openssl/evp.h>
+
+#include <array>
+#include <nlohmann/json.hpp>
+
+#include "config/read_bytes.h"
+
+namespace lightrig {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr const char* camera_schema = "lightrig.camera/1";
+constexpr const char* white_schema = "lightrig.white/1";
+
+std::string sha256_of(const std::string& text) {
+  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
+  unsigned length = 0;
+  EVP_Digest(text.data(), text.size(), digest.data(), &length, EVP_sha256(), nullptr);
+  std::string hex;
+  for (unsigned i = 0; i < length; ++i) hex += fmt::format("{:02x}", digest[i]);
+  return hex;
+}
+
+/// The document with the hash of what stands before it.
+std::string sealed(Json json) {
+  json["sha256"] = sha256_of(json.dump());
+  return json.dump(1) + "\n";
+}
+
+Json list_of(const Eigen::Ref<const Eigen::VectorXd>& values) {
+  Json list = Json::array();
+  for (const double value : values) list.push_back(value);
+  return list;
+}
+
+Json pose_json(const Eigen::Isometry3d& camera_from_target) {
+  const Eigen::Isometry3d target_from_camera = camera_from_target.inverse();
+  Json rows = Json::array();
+  for (Eigen::Index r = 0; r < 3; ++r)
+    rows.push_back(list_of(camera_from_target.matrix().row(r).transpose()));
+  return {{"camera_from_target", std::move(rows)},
+          {"eye_m", list_of(target_from_camera.translation())},
+          {"sight", list_of(target_from_camera.linear().col(2))},
+          {"up", list_of(Eigen::Vector3d(-target_from_camera.linear().col(1)))}};
+}
+
+tl::unexpected<Error> not_as_written(const char* what) {
+  return fail(ErrorCode::invalid_input,
+              fmt::format("is no {} as lightrig wrote it: it was changed or cut short; calibrate "
+                          "again, or restore the file",
+                          what));
+}
+
+/// The document, if its seal is whole.
+Result<Json> read_sealed(const std::filesystem::path& file, const char* schema, const char* what) {
+  const auto bytes = read_bytes(file);
+  if (!bytes) return tl::unexpected(bytes.error());
+  const auto* text = reinterpret_cast<const char*>(bytes->data());
+  Json json = Json::parse(text, text + bytes->size(), nullptr, false);
+  if (!json.is_object() || !json.contains("sha256") || !json.contains("schema") ||
+      json["schema"] != schema || !json["sha256"].is_string())
+    return not_as_written(what);
+  const std::string seal = json["sha256"];
+  json.erase("sha256");
+  if (sha256_of(json.dump()) != seal) return not_as_written(what);
+  return json;
+}
+
+}  // namespace
+
+std::string camera_calibration_text(const CameraCalibration& calibration,
+                                    const CalibrationTarget& target,
+                                    std::span<const MadeFrom> images, const std::string& date) {
+  const CameraModel& m = calibration.model;
+  const bool charuco = target.kind == CalibrationTarget::Kind::charuco;
+  Json json{{"schema", camera_schema},
+            {"date", date},
+            {"width_px", m.width},
+            {"height_px", m.height},
+            {"fx_px", m.fx},
+            {"fy_px", m.fy},
+            {"cx_px", m.cx},
+            {"cy_px", m.cy},
+            {"distortion", m.distortion},
+            {"standard_errors", calibration.sigma},
+            {"rms_px", calibration.rms},
+            {"noise_px", calibration.noise},
+            {"picture_covered", calibration.covered},
+            {"tilt_spread_rad", calibration.tilt_spread}};
+  json["target"] = {{"kind", charuco ? "charuco" : "checkerboard"},
+                    {"columns", target.columns},
+                    {"rows", target.rows},
+                    {"square_m", target.square}};
+  if (charuco) json["target"]["marker_m"] = target.marker;
+  json["images"] = Json::array();
+  for (std::size_t i = 0; i < calibration.views.size(); ++i) {
+    const ViewFit& view = calibration.views[i];
+    Json one{{"corners", view.corners}, {"rms_px", view.rms}, {"worst_px", view.worst}};
+    if (i < images.size()) {
+      one["name"] = images[i].name;
+      one["image_sha256"] = images[i].sha256;
+    }
+    one["pose"] = pose_json(view.camera_from_target);
+    one["pose_standard_errors"] = list_of(view.pose_sigma);
+    json["images"].push_back(std::move(one));
+  }
+  return sealed(std::move(json));
+}
+
+std::string white_reference_text(const WhiteReference& white, const std::string& date) {
+  return sealed({{"schema", white_schema},
+                 {"date", date},
+                 {"session", white.session},
+                 {"kind", white.near ? "near" : "distant"},
+                 {"reflectance", list_of(white.reflectance.matrix())},
+                 {"strength", list_of(white.strength.matrix())},
+                 {"relative_standard_error", list_of(white.sigma.matrix())},
+                 {"samples", white.samples}});
+}
+
+Result<void> apply_camera_calibration(const std::filesystem::path& file, CameraConfig& camera) {
+  const auto json = read_sealed(file, camera_schema, "camera calibration");
+  if (!json) return tl::unexpected(json.error());
+  CameraModel& m = camera.model;
+  const int width = (*json)["width_px"], height = (*json)["height_px"];
+  if (width != m.width || height != m.height)
+    return fail(ErrorCode::invalid_input,
+                fmt::format("is of pictures of {} × {} px; the rig's are {} × {}: calibrate with "
+                            "pictures as the rig takes them",
+                            width, height, m.width, m.height));
+  m.fx = (*json)["fx_px"];
+  m.fy = (*json)["fy_px"];
+  m.cx = (*json)["cx_px"];
+  m.cy = (*json)["cy_px"];
+  m.distortion = (*json)["distortion"].get<std::array<double, 5>>();
+  camera.calibration = file;
+  return {};
+}
+
+Result<void> apply_white_reference(const std::filesystem::path& file, bool near, LampConfig& lamp) {
+  const auto json = read_sealed(file, white_schema, "white reference");
+  if (!json) return tl::unexpected(json.error());
+  if (((*json)["kind"] == "near") != near)
+    return fail(ErrorCode::invalid_input, "is of a lamp of the other kind (near or distant)");
+  const auto strength = (*json)["strength"].get<std::array<double, 3>>();
+  lamp.strength = Eigen::Array3d(strength[0], strength[1], strength[2]);
+  lamp.absolute_scale = true;
+  lamp.white_reference = file;
+  return {};
+}
+
+}  // namespace lightrig

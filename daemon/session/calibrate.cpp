@@ -1,0 +1,143 @@
+#include "daemon/session/calibrate.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "daemon/session/durable_file.h"
+#include "daemon/session/frame_store.h"
+#include "daemon/session/picture_file.h"
+#include "daemon/session/reduction.h"
+#include "daemon/session/session_folder.h"
+
+namespace lightrig {
+namespace {
+
+constexpr double degree = std::numbers::pi / 180;
+// A diffuse target is not diffuse near the mirror direction, and no target is at grazing angles.
+constexpr double least_theta_h = 12 * degree;
+constexpr double greatest_theta_d = 50 * degree;
+constexpr int fewest_samples = 20;
+constexpr double greatest_scatter = 0.05;
+
+struct Mean {
+  double weight = 0, sum = 0, squares = 0;
+  int count = 0;
+
+  void add(double f, double w) {
+    weight += w;
+    sum += w * f;
+    squares += w * f * f;
+    ++count;
+  }
+  double value() const { return sum / weight; }
+  double scatter() const {
+    return std::sqrt(std::max(0.0, squares / weight - value() * value())) / value();
+  }
+};
+
+std::vector<Mean> means_of(const Reduction& reduction, const BivariateGrid& grid, int channels) {
+  std::vector<Mean> means(static_cast<std::size_t>(channels));
+  for (const BrdfObservations& light : reduction.observations()) {
+    for (const BrdfObservation& row : light.rows) {
+      const HalfDiff angles = cell_centre(grid, row.cell);
+      if (row.kind != BrdfObservation::Kind::value || angles.theta_h < least_theta_h ||
+          angles.theta_d > greatest_theta_d)
+        continue;
+      means[static_cast<std::size_t>(row.channel)].add(row.f, row.count);
+    }
+  }
+  return means;
+}
+
+Result<void> accept(const std::vector<Mean>& means) {
+  for (std::size_t c = 0; c < means.size(); ++c) {
+    if (means[c].count < fewest_samples)
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("only {} samples of the white target away from mirror direction and "
+                              "grazing, needed are {}: take more lights, and the target larger in "
+                              "the picture",
+                              means[c].count, fewest_samples));
+    if (means[c].scatter() > greatest_scatter)
+      return fail(
+          ErrorCode::invalid_input,
+          fmt::format("the target's reflectance scatters by {:.1f} % about its mean, allowed "
+                      "are {:.0f} %: it is not diffuse, not where [object] has it, or the "
+                      "lamp's emission is not as the rig file has it",
+                      100 * means[c].scatter(), 100 * greatest_scatter));
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::path>& images,
+                                             const CalibrationTarget& target) {
+  CalibrationRun run;
+  std::vector<TargetCorners> views;
+  int width = 0, height = 0;
+  for (const std::filesystem::path& file : images) {
+    const auto image = read_grey_image(file);
+    if (!image) return tl::unexpected(image.error());
+    if (width != 0 && (image->width != width || image->height != height))
+      return fail(
+          ErrorCode::invalid_input,
+          fmt::format("\"{}\" is {} × {} px, those before it {} × {}: all must come from one "
+                      "camera at one setting",
+                      file.string(), image->width, image->height, width, height));
+    width = image->width;
+    height = image->height;
+    auto corners = find_corners(*image, target);
+    if (!corners) {
+      if (corners.error().code == ErrorCode::invalid_input) return tl::unexpected(corners.error());
+      run.skipped.push_back(
+          fmt::format("{}: {}", file.filename().string(), corners.error().message));
+      continue;
+    }
+    const auto bytes = read_file(file);
+    if (!bytes) return tl::unexpected(bytes.error());
+    run.used.push_back({file.filename().string(), sha256_hex(*bytes)});
+    views.push_back(std::move(*corners));
+  }
+  auto calibration = calibrate_camera(views, width, height);
+  if (!calibration) {
+    std::string message = calibration.error().message;
+    for (const std::string& one : run.skipped) message += "; " + one;
+    return fail(calibration.error().code, message);
+  }
+  run.calibration = std::move(*calibration);
+  run.text = camera_calibration_text(run.calibration, target, run.used, utc_now());
+  return run;
+}
+
+Result<WhiteRun> white_reference_from(const std::filesystem::path& session,
+                                      const Eigen::Array3d& reflectance, int threads) {
+  const auto record = read_session_folder(session);
+  if (!record) return tl::unexpected(record.error());
+  const auto prepared = prepare_with_plan(record->rig, record->spec, record->plan);
+  if (!prepared) return tl::unexpected(prepared.error());
+  Reduction reduction(record->rig, record->spec, *prepared, record->folder, record->darks, threads);
+  for (const CapturedShot& shot : record->shots)
+    if (auto added = reduction.add(shot); !added) return tl::unexpected(added.error());
+  const int channels = record->rig.camera.sensor.channels();
+  const std::vector<Mean> means = means_of(reduction, prepared->fit_basis.grid, channels);
+  if (auto good = accept(means); !good) return tl::unexpected(good.error());
+  WhiteRun run;
+  run.white.near = !record->rig.gantry.model.distant_lamp;
+  run.white.session = session.lexically_normal().filename().string();
+  run.white.reflectance = reflectance;
+  for (Eigen::Index c = 0; c < 3; ++c) {
+    // A mono camera sees one strength; it stands for all three.
+    const Mean& mean = means[std::min(static_cast<std::size_t>(c), means.size() - 1)];
+    // f was computed with the strength as written: f / (ρ/π) is how far that is off.
+    run.white.strength[c] =
+        record->rig.lamp.strength[c] * mean.value() / (reflectance[c] / std::numbers::pi);
+    run.white.sigma[c] = mean.scatter() / std::sqrt(static_cast<double>(mean.count));
+    run.white.samples += mean.count;
+  }
+  run.text = white_reference_text(run.white, utc_now());
+  return run;
+}
+
+}  // namespace lightrig

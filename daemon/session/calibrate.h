@@ -1,0 +1,40 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "config/calibration_file.h"
+#include "core/calibrate_camera.h"
+#include "core/result.h"
+
+namespace lightrig {
+
+/// A camera calibration with what became of every image.
+struct CalibrationRun {
+  CameraCalibration calibration;
+  std::vector<MadeFrom> used;        ///< (views) images that the target was found in
+  std::vector<std::string> skipped;  ///< one sentence for every other image
+  std::string text;                  ///< of the file to be written
+};
+
+/// Calibrates a camera from pictures of a target. Images without the target are passed over and
+/// said. Errors: those of reading the pictures; invalid_input when their sizes differ; refusals of
+/// calibrate_camera(), with what was found where.
+Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::path>& images,
+                                             const CalibrationTarget& target);
+
+struct WhiteRun {
+  WhiteReference white;
+  std::string text;  ///< of the file to be written
+};
+
+/// The lamp's strength from a session on a diffuse white target of known reflectance: its BRDF must
+/// come out as reflectance/π. Samples away from the mirror direction and from grazing count.
+/// Errors: those of reading the session; invalid_input for too few samples or a target that
+/// scatters by more than 5 % about its mean, which is then not diffuse, or not where it was
+/// modelled.
+Result<WhiteRun> white_reference_from(const std::filesystem::path& session,
+                                      const Eigen::Array3d& reflectance, int threads);
+
+}  // namespace lightrig

@@ -1,0 +1,147 @@
+#include "daemon/session/pose_overlay.h"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/half_diff.h"
+#include "daemon/session/frame_file.h"
+
+namespace lightrig {
+namespace {
+
+struct Rgb {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> pixels;  // (height · width · 3)
+
+  void set(int x, int y, const std::array<std::uint8_t, 3>& colour) {
+    if (x < 0 || y < 0 || x >= width || y >= height) return;
+    const std::size_t i = 3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                               static_cast<std::size_t>(x));
+    std::copy(colour.begin(), colour.end(), pixels.begin() + static_cast<std::ptrdiff_t>(i));
+  }
+};
+
+Result<Rgb> decoded(const std::string& png) {
+  try {
+    OIIO::Filesystem::IOMemReader memory(png.data(), png.size());
+    auto input = OIIO::ImageInput::open("frame.png", nullptr, &memory);
+    if (!input)
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("draw over the picture: {}", OIIO::geterror()));
+    const OIIO::ImageSpec& spec = input->spec();
+    const auto channels = static_cast<std::size_t>(spec.nchannels);
+    std::vector<std::uint8_t> raw(static_cast<std::size_t>(spec.width) *
+                                  static_cast<std::size_t>(spec.height) * channels);
+    if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::UINT8, raw.data()))
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("draw over the picture: {}", input->geterror()));
+    Rgb rgb{spec.width, spec.height, {}};
+    for (std::size_t i = 0; i < raw.size(); i += channels)
+      for (std::size_t c = 0; c < 3; ++c) rgb.pixels.push_back(raw[i + std::min(c, channels - 1)]);
+    return rgb;
+  } catch (const std::exception& e) {
+    return fail(ErrorCode::invalid_input, fmt::format("draw over the picture: {}", e.what()));
+  }
+}
+
+constexpr std::array<std::uint8_t, 3> outline_colour{60, 230, 90}, ring_colour{255, 190, 40},
+    held_colour{90, 200, 255};
+
+/// Pixels where the model is seen and its neighbour is not.
+void draw_outline(const CameraModel& camera, const Occluder& occluder, Rgb& picture) {
+  const double scale = static_cast<double>(camera.width) / picture.width;
+  const auto seen = [&](int x, int y) {
+    const double u = (x + 0.5) * scale - 0.5, v = (y + 0.5) * scale - 0.5;
+    return occluder.first_hit(ray_through(camera, u, v)).has_value();
+  };
+  std::vector<std::uint8_t> above(static_cast<std::size_t>(picture.width), 0);
+  for (int y = 0; y < picture.height; ++y) {
+    std::uint8_t left = 0;
+    for (int x = 0; x < picture.width; ++x) {
+      const std::uint8_t here = seen(x, y) ? 1 : 0;
+      const auto column = static_cast<std::size_t>(x);
+      if ((x > 0 && here != left) || (y > 0 && here != above[column]))
+        picture.set(x, y, outline_colour);
+      left = here;
+      above[column] = here;
+    }
+  }
+}
+
+void draw_ring(const Eigen::Vector2d& centre, const std::array<std::uint8_t, 3>& colour,
+               Rgb& picture) {
+  constexpr int steps = 64;
+  for (const double radius : {5.0, 6.0}) {
+    for (int i = 0; i < steps; ++i) {
+      const double a = 2 * std::numbers::pi * i / steps;
+      picture.set(static_cast<int>(std::lround(centre.x() + radius * std::cos(a))),
+                  static_cast<int>(std::lround(centre.y() + radius * std::sin(a))), colour);
+    }
+  }
+}
+
+/// Whether a shot is planned at the turn that the object is homed to; true without a turntable.
+bool as_homed(const GantryModel& gantry, const Shot& shot) {
+  return !turns_object(gantry) || shot.gantry.axes[0] == home_position(gantry).axes[0];
+}
+
+}  // namespace
+
+std::vector<ExpectedHighlight> expected_highlights(const Rig& rig, const Prepared& prepared) {
+  const SurfacePoints& points = prepared.points;
+  const CameraModel camera =
+      camera_at(rig.gantry.model, rig.camera.model, home_position(rig.gantry.model));
+  std::vector<ExpectedHighlight> highlights;
+  for (std::size_t s = 0; s < prepared.plan.shots.size(); ++s) {
+    const Shot& shot = prepared.plan.shots[s];
+    if (!as_homed(rig.gantry.model, shot)) continue;
+    ExpectedHighlight best;
+    best.shot = static_cast<int>(s);
+    best.off = std::numeric_limits<double>::infinity();
+    Eigen::Index at = -1;
+    for (Eigen::Index i = 0; i < points.size(); ++i) {
+      const Eigen::Vector3d x = points.position.col(i), n = points.normal.col(i);
+      const Eigen::Vector3d l = shot.light.direction_from(x), v = points.view.col(i);
+      if (!(n.dot(l) > 0) || (l + v).squaredNorm() < 1e-12 || !shot.light.reaches(x)) continue;
+      const double off = std::acos(std::clamp(n.dot((l + v).normalized()), -1.0, 1.0));
+      if (off < best.off && !prepared.occluder->blocked(x, n, shot.light)) {
+        best.off = off;
+        at = i;
+      }
+    }
+    if (at < 0) continue;
+    best.pixel = project(camera, points.position.col(at));
+    highlights.push_back(best);
+  }
+  return highlights;
+}
+
+Result<std::vector<std::byte>> overlay_png(const std::string& png, const Rig& rig,
+                                           const Prepared& prepared) {
+  auto picture = decoded(png);
+  if (!picture) return tl::unexpected(picture.error());
+  const CameraModel camera =
+      camera_at(rig.gantry.model, rig.camera.model, home_position(rig.gantry.model));
+  const double scale = static_cast<double>(camera.width) / picture->width;
+  if (std::abs(picture->height * scale - camera.height) > scale + 1)
+    return fail(
+        ErrorCode::invalid_input,
+        fmt::format("draw over the picture: it is {} × {} px, the rig file's camera takes {} "
+                    "× {}: give the rig file that the service runs",
+                    picture->width, picture->height, camera.width, camera.height));
+  draw_outline(camera, *prepared.occluder, *picture);
+  for (const ExpectedHighlight& one : expected_highlights(rig, prepared)) {
+    const bool held = prepared.plan.shots[static_cast<std::size_t>(one.shot)].held_out;
+    draw_ring((one.pixel.array() + 0.5) / scale - 0.5, held ? held_colour : ring_colour, *picture);
+  }
+  return encode_png(picture->width, picture->height, 3, picture->pixels);
+}
+
+}  // namespace lightrig

@@ -1,0 +1,162 @@
+// Every shipped rig file is valid, and says of itself what its name says.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <set>
+
+#include "config/calibration_file.h"
+#include "config/read_rig.h"
+#include "tests/config/scratch_folder.h"
+
+namespace lightrig {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+const fs::path folder = fs::path(LIGHTRIG_SOURCE_DIR) / "config/rigs";
+
+std::vector<fs::path> rig_files() {
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder)) files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+Rig rig_of(const std::string& name) {
+  const Read<Rig> read = read_rig(folder / (name + ".toml"));
+  EXPECT_TRUE(read.value) << to_text(read.diagnostics);
+  return read.value.value_or(Rig{});
+}
+
+TEST(ShippedRigs, AreValidWithoutAWarning) {
+  for (const fs::path& file : rig_files()) {
+    const Read<Rig> rig = read_rig(file);
+    EXPECT_TRUE(rig.value) << to_text(rig.diagnostics);
+    EXPECT_TRUE(rig.diagnostics.empty()) << to_text(rig.diagnostics);
+  }
+}
+
+TEST(ShippedRigs, CoverEveryKinematicsAndEveryKindOfCamera) {
+  std::set<std::size_t> kinematics;
+  std::set<std::string> cameras;
+  for (const fs::path& file : rig_files()) {
+    const Read<Rig> rig = read_rig(file);
+    ASSERT_TRUE(rig.value);
+    kinematics.insert(rig.value->gantry.model.kinematics.index());
+    cameras.insert(rig.value->camera.sensor.filter == ColorFilter::mono ? "mono"
+                   : rig.value->camera.demosaic                         ? "demosaiced"
+                                                                        : "sites");
+  }
+  EXPECT_EQ(kinematics.size(), std::variant_size_v<Kinematics>);
+  EXPECT_EQ(cameras.size(), 3U);
+}
+
+TEST(ShippedRigs, KeepTheirUnits) {
+  const Rig aimed = rig_of("cartesian_aimed_bayer");
+  const GantryModel& gantry = aimed.gantry.model;
+  ASSERT_EQ(gantry.axes.size(), 5U);
+  EXPECT_EQ(gantry.axes[2].name, "z");
+  EXPECT_FALSE(gantry.axes[2].rotary);
+  EXPECT_DOUBLE_EQ(gantry.axes[2].max, 0.9);
+  EXPECT_DOUBLE_EQ(gantry.axes[2].max_speed, 0.08);
+  EXPECT_TRUE(gantry.axes[3].rotary);
+  EXPECT_NEAR(gantry.axes[3].max, 185 * 3.14159265358979 / 180, 1e-12);
+  EXPECT_NEAR(gantry.linear_tolerance, 2e-4, 1e-18);
+  EXPECT_NEAR(gantry.lobe.towards(std::cos(0.2617993877991494)), 0.70, 1e-12);  // 15°
+  const auto& drives = std::get<ModbusGantry>(aimed.gantry.backend).drives;
+  EXPECT_NEAR(drives[0].counts_per_si, 200e3, 1e-6);  // per metre
+  EXPECT_EQ(rig_of("lamps_mono").gantry.model.axes.front().max, 28);
+}
+
+class Edited : public testing::Test {
+ protected:
+  std::string problem(const std::string& name, const std::string& from, const std::string& to) {
+    std::ifstream in(folder / (name + ".toml"));
+    std::string text{std::istreambuf_iterator<char>(in), {}};
+    const auto at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    text.replace(at, from.size(), to);
+    const auto read = read_rig_text(text, folder / "edited.toml");
+    EXPECT_FALSE(read.value);
+    return to_text(read.diagnostics);
+  }
+};
+
+TEST_F(Edited, AnAxisThatTheKinematicsDoNotHaveIsRefused) {
+  EXPECT_THAT(problem("turntable_mono", "name = \"turn\"", "name = \"azimuth\""),
+              HasSubstr("a turntable has no axis \"azimuth\""));
+  EXPECT_THAT(problem("cartesian_mono", "name = \"z\"\nmin_mm = 0\nmax_mm = 400",
+                      "name = \"pan\"\nmin_deg = 0\nmax_deg = 40"),
+              HasSubstr("has no axis \"pan\""));
+}
+
+TEST_F(Edited, WhatDoesNotGoTogetherIsRefused) {
+  EXPECT_THAT(problem("turntable_mono", "rule = \"grid\"\nsteps = [36]", "count = 100"),
+              HasSubstr("a turntable's candidates need rule \"grid\""));
+  EXPECT_THAT(problem("turntable_mono", "lamp_elevation_deg = 40\n", ""),
+              HasSubstr("needs lamp_elevation_deg"));
+  EXPECT_THAT(problem("cartesian_mono", "steps = [12, 12, 5]", "steps = [12, 12]"),
+              HasSubstr("candidates.steps has 2 numbers for 3 axes"));
+  EXPECT_THAT(problem("cartesian_aimed_bayer", "sphere_radius_m = 0.7", ""),
+              HasSubstr("sphere_radius_m"));
+  EXPECT_THAT(problem("cartesian_aimed_bayer", "0.42, 0.15, 0.02", "0.42, 0.15"),
+              HasSubstr("has 6 values for 7 angles"));
+  EXPECT_THAT(problem("lamps_mono", "coil = 0", "holding = 3\nfull_scale = 100"),
+              HasSubstr("fixed lamps need [lamp.modbus] with the coil"));
+  EXPECT_THAT(
+      problem("cartesian_mono", "tolerance_mm = 0.2", "tolerance_mm = 0.2\ntolerance_deg = 1"),
+      HasSubstr("tolerance_deg goes with"));
+}
+
+CameraCalibration a_calibration() {
+  CameraCalibration c;
+  c.model.width = 640;
+  c.model.height = 480;
+  c.model.fx = 3212.5;
+  c.model.fy = 3209.25;
+  c.model.cx = 318.125;
+  c.model.cy = 241.5;
+  c.model.distortion = {-0.2, 0.1, 0.001, -0.002, 0.03};
+  c.views.resize(1);
+  c.views[0].pose_sigma.setZero();
+  return c;
+}
+
+TEST(CalibrationFile, GivesTheRigItsLensAndRefusesWhatWasChanged) {
+  const ScratchFolder scratch;
+  const fs::path file = scratch.path / "camera.json";
+  const std::string text =
+      camera_calibration_text(a_calibration(), CalibrationTarget{}, {}, "2026-05-04T13:02:11Z");
+  std::ofstream(file) << text;
+  CameraConfig camera;
+  camera.model.width = 640;
+  camera.model.height = 480;
+  ASSERT_TRUE(apply_camera_calibration(file, camera));
+  EXPECT_EQ(camera.model.fx, 3212.5);
+  EXPECT_EQ(camera.model.distortion[4], 0.03);
+  camera.model.width = 1280;
+  EXPECT_THAT(apply_camera_calibration(file, camera).error().message, HasSubstr("640 × 480"));
+  std::string changed = text;
+  changed.replace(changed.find("3212.5"), 6, "3212.6");
+  std::ofstream(file) << changed;
+  camera.model.width = 640;
+  EXPECT_THAT(apply_camera_calibration(file, camera).error().message, HasSubstr("was changed"));
+}
+
+TEST(CalibrationFile, AWhiteReferenceMakesTheScaleAbsolute) {
+  const ScratchFolder scratch;
+  const fs::path file = scratch.path / "white.json";
+  WhiteReference white;
+  white.strength = {18.5, 19.25, 17};
+  std::ofstream(file) << white_reference_text(white, "2026-05-04T13:02:11Z");
+  LampConfig lamp;
+  ASSERT_TRUE(apply_white_reference(file, true, lamp));
+  EXPECT_TRUE(lamp.absolute_scale);
+  EXPECT_EQ(lamp.strength[1], 19.25);
+  EXPECT_FALSE(apply_white_reference(file, false, lamp));
+}
+
+}  // namespace
+}  // namespace lightrig
