@@ -8,6 +8,7 @@
 #include "config/calibration_file.h"
 #include "config/read_rig.h"
 #include "tests/config/scratch_folder.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
@@ -15,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-const fs::path folder = fs::path(LIGHTRIG_SOURCE_DIR) / "config/rigs";
+const fs::path folder = fs::path(test::source_dir) / "config/rigs";
 
 std::vector<fs::path> rig_files() {
   std::vector<fs::path> files;

@@ -14,6 +14,7 @@
 #include "daemon/session/session.h"
 #include "sim/open_devices.h"
 #include "sim/sim_clock.h"
+#include "tests/paths.h"
 #include "tests/session/scratch.h"
 
 namespace lightrig {
@@ -32,7 +33,7 @@ std::string with(std::string text, const std::string& key, const std::string& va
 /// The shipped rig with a quarter of its pixels across and fewer lights.
 std::string small_copy(const std::string& name, const fs::path& sessions) {
   std::string text =
-      read_file(fs::path(LIGHTRIG_SOURCE_DIR) / "config/rigs" / (name + ".toml")).value();
+      read_file(fs::path(test::source_dir) / "config/rigs" / (name + ".toml")).value();
   std::smatch focal;
   EXPECT_TRUE(std::regex_search(text, focal, std::regex("fx_px = ([0-9.]+)")));
   const double fx = std::stod(focal[1]);
@@ -42,7 +43,7 @@ std::string small_copy(const std::string& name, const fs::path& sessions) {
   text = with(text, "session_root", "\"" + sessions.string() + "\"");
   text = with(text, "max_lights", "4");
   return std::regex_replace(text, std::regex("\"\\.\\./controllers/"),
-                            "\"" LIGHTRIG_SOURCE_DIR "/config/controllers/");
+                            fmt::format("\"{}/config/controllers/", test::source_dir));
 }
 
 struct Session {
