@@ -226,12 +226,20 @@ ErrorCalibration regress(const std::vector<Trial>& all) {
 
 LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
                              const Eigen::MatrixXd& K, int folds) {
-  LeaveOut out{basis.stddev, basis.model_sigma, basis.unsaid_sigma, basis.calibration};
+  LeaveOut out{basis.stddev, basis.model_sigma, basis.unsaid_sigma, basis.calibration, false};
   const std::vector<Fold> all = make_folds(basis, training, K, folds);
-  if (all.empty()) return out;
   const auto valid_cells = std::count(basis.valid.begin(), basis.valid.end(), 1);
   const double valid_rows =
       static_cast<double>(valid_cells * (training.X.rows() / basis.grid.cells()));
+  if (all.empty()) {
+    // No material can be spared to ask how the others serve it: that a new one lies in the span of
+    // two or three is nothing to build on.
+    out.unsaid_sigma =
+        training.X.norm() / std::sqrt(static_cast<double>(training.X.cols() - 1) * valid_rows);
+    out.calibration.spread = 2 * ErrorCalibration{}.spread;
+    return out;
+  }
+  out.any = true;
   double unsaid2 = 0;
   for (const Fold& fold : all) unsaid2 += fold.residual2.mean() / static_cast<double>(all.size());
   out.unsaid_sigma = std::sqrt(unsaid2 / valid_rows);

@@ -31,12 +31,15 @@ struct LeaveOut {
   double model_sigma = 0;   ///< mapped units: of a row in a fit
   double unsaid_sigma = 0;  ///< mapped units: rms of what no coefficients can say
   ErrorCalibration calibration;
+  bool any = false;  ///< false: too few materials to leave any out
 };
 
 /// Folds over groups, a family never torn apart: a material whose siblings are in the basis is no
 /// unseen one. K = XᵀX. Everything is inner products of columns and the few rows that a handful of
 /// lights would show, so a fold costs one eigenproblem of its columns. `k` components are kept.
-/// Fewer than two materials in or out of some fold: the training figures are returned.
+/// Fewer than three columns inside some fold, or none outside: nothing can be left out, and what no
+/// coefficients can say is taken to be as large as the training set's scatter about its mean, with
+/// twice the usual spread.
 LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
                              const Eigen::MatrixXd& K, int folds);
 

@@ -260,6 +260,7 @@ Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOpt
     basis.model_sigma = unseen.model_sigma;
     basis.unsaid_sigma = unseen.unsaid_sigma;
     basis.calibration = unseen.calibration;
+    basis.left_out = unseen.any;
   }
   return basis;
 }

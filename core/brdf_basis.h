@@ -69,6 +69,10 @@ struct BrdfBasis {
   /// Root mean square, over the grid, of what no coefficients can say of an unseen material.
   double unsaid_sigma = 0.15;
   ErrorCalibration calibration;
+  /// The four above were found by leaving materials out. False where folds were asked for but the
+  /// materials are too few: then unsaid_sigma is the training set's own scatter, the only thing
+  /// known of how far a new material may lie from it.
+  bool left_out = false;
   double variance_captured = 0;  ///< [0, 1] by the k components
   int materials = 0;
   std::string source;

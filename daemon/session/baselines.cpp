@@ -151,14 +151,31 @@ BrdfObservations Studio::measure(int candidate, std::uint64_t noise_seed) const 
                  *prepared.occluder, extraction);
 }
 
-double error_of(const BrdfBasis& basis, const AzimuthModel& azimuths,
-                std::span<const BrdfObservations> lights, const BrdfTable& reference,
-                Estimator estimator) {
-  FitOptions options;
-  options.estimator = estimator;
-  const int channels = static_cast<int>(reference.f.cols());
-  const Coefficients fitted = fit_refined(basis, azimuths, lights, channels, options).coefficients;
+double error_of(const BrdfBasis& basis, const Coefficients& fitted, const BrdfTable& reference) {
   return brdf_error(evaluate(basis, fitted.c), reference, basis.mapping.floor).percent_log;
+}
+
+struct BothErrors {
+  double map, pseudo_inverse;  ///< percentage error in ln f
+};
+
+/// The published estimator gets the rows corrected for footprint and φd by the MAP estimate, as MAP
+/// does: what is compared is lights and estimators, not the care taken with pixels.
+BothErrors errors_of(const BrdfBasis& basis, const BrdfBasis& published,
+                     const AzimuthModel& azimuths, std::span<const BrdfObservations> lights,
+                     const BrdfTable& reference) {
+  const int channels = static_cast<int>(reference.f.cols());
+  FitOptions by_map;
+  by_map.estimator = Estimator::map;
+  const Coefficients map = fit_refined(basis, azimuths, lights, channels, by_map).coefficients;
+  std::vector<BrdfObservations> rows(lights.begin(), lights.end());
+  if (basis.layout == ChannelLayout::columns) {
+    for (BrdfObservations& row : rows) row = refined(row, basis, azimuths, map);
+  }
+  FitOptions as_published;
+  as_published.estimator = Estimator::pseudo_inverse;
+  const Coefficients plain = fit_adaptive(published, rows, channels, as_published).coefficients;
+  return {error_of(basis, map, reference), error_of(published, plain, reference)};
 }
 
 double median(std::vector<double> values) {
@@ -201,9 +218,9 @@ RandomLights random_lights(const Rig& rig, const SessionSpec& spec, const Prepar
       for (const int candidate : pick(candidates, result.lights, random)) {
         lights.push_back(studio.measure(candidate, seed));
       }
-      by_map[set] = error_of(basis, prepared.azimuths, lights, reference, Estimator::map);
-      by_pseudo_inverse[set] =
-          error_of(published, prepared.azimuths, lights, reference, Estimator::pseudo_inverse);
+      const BothErrors errors = errors_of(basis, published, prepared.azimuths, lights, reference);
+      by_map[set] = errors.map;
+      by_pseudo_inverse[set] = errors.pseudo_inverse;
     }
   };
   const auto stride = static_cast<std::size_t>(options.threads);

@@ -46,7 +46,7 @@ double peak_memory_mib() {
 int thread_count() { return static_cast<int>(std::max(1U, std::thread::hardware_concurrency())); }
 
 // The condition number weighs every component alike, also those that carry next to nothing: it is
-// taken over the components that matter [METHOD: K = 45, 99.89 % of MERL's variance].
+// taken over the components that matter [Ali 2013: K = 45 holds 99.89 % of the variance of MERL].
 constexpr Eigen::Index most_condition_components = 45;
 constexpr double condition_variance = 0.9989;
 
@@ -97,6 +97,13 @@ Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock&
   if (!basis) return tl::unexpected(basis.error());
   prepared.fit_basis = std::move(*basis);
   prepared.fit_basis.source = describe_source(spec.materials);
+  if (!prepared.fit_basis.left_out) {
+    prepared.remarks.push_back(fmt::format(
+        "{} materials are too few to leave any out and see how the others serve it: the predicted "
+        "errors are no experience, but the scatter of these materials taken for what a new one may "
+        "differ by. Add materials, of kinds like the one to be measured.",
+        prepared.materials.size()));
+  }
   prepared.plan_basis = prepared.fit_basis;
   const bool chosen_by_hand = spec.materials.components > 0;
   // Without a prior every component must be seen, so a pseudo-inverse takes as many as the

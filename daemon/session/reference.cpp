@@ -19,7 +19,10 @@ Result<std::optional<Reference>> reference_of(const Rig& rig, const SessionSpec&
   if (!spec.reference.empty()) {
     auto table = load_brdf(spec.reference);
     if (!table) return tl::unexpected(with_context("read the reference", table.error()));
-    reference = {spec.reference.stem().string(), std::move(*table), false};
+    // A hidden file is what the service and `lightrig simulate` write beside the sessions.
+    const std::string name = spec.reference.stem().string();
+    reference = {name == ".simulated-truth" ? "the simulated truth" : name, std::move(*table),
+                 false};
   } else if (simulated && rig.simulation) {
     const auto truth = sim::truth_of(rig);
     if (!truth) return tl::unexpected(with_context("find the simulated truth", truth.error()));

@@ -92,7 +92,8 @@ std::string compared_with(const SessionResult& r) {
     text += fmt::format(
         " {} lights picked at random from the same reachable positions give {} with the published "
         "pseudo-inverse ({} components) and {} with the estimator used here (medians of {} sets, "
-        "each light photographed by the simulated camera with noise and clipping).",
+        "each light photographed by the simulated camera with noise and clipping, and its rows "
+        "corrected as the session's are).",
         random->lights, percent(random->pseudo_inverse_percent), random->components,
         percent(random->map_percent), random->sets);
   }
@@ -191,7 +192,7 @@ std::string tables(const ResultPictures& p) {
          "pictures have no value in any material.</p>\n";
 }
 
-std::string light_facts(const LightResult& light) {
+std::string light_facts(const LightResult& light, bool by_condition) {
   std::vector<double> used;
   for (const StoredFrame& frame : light.shot.frames) {
     if (frame.role == "bracket") used.push_back(frame.exposure);
@@ -209,7 +210,7 @@ std::string light_facts(const LightResult& light) {
       "<dt>misfit</dt><dd>{}</dd>",
       counted(light.rows_value), counted(light.rows_censored), counted(light.new_cells),
       percent(light.misfit_percent));
-  if (!light.shot.held_out && light.planned) {
+  if (!light.shot.held_out && light.planned && by_condition) {
     html += fmt::format("<dt>κ² planned</dt><dd>{}</dd>",
                         std::isfinite(light.condition) ? fmt::format("{:.3g}", light.condition)
                                                        : "∞ (rank still growing)");
@@ -223,7 +224,8 @@ std::string lights(const SessionResult& r, const ResultPictures& pictures) {
       legend(diverging_colour, -1, fmt::format("−{:.0f} %", 100 * pictures.image_difference_range),
              "difference", fmt::format("+{:.0f} %", 100 * pictures.image_difference_range));
   for (const LightResult& light : r.lights) {
-    html += "<div class=\"light\"><div>" + light_facts(light) + "</div><div class=\"strip\">";
+    html += "<div class=\"light\"><div>" + light_facts(light, r.criterion == "condition") +
+            "</div><div class=\"strip\">";
     const auto drawn =
         std::find_if(pictures.lights.begin(), pictures.lights.end(),
                      [&](const ResultPictures::Light& p) { return p.name == light.shot.name; });

@@ -91,6 +91,36 @@ TEST(MakeBasis, FindsWhatItCannotSayAsAPlainLeaveMaterialsOutProjectionDoes) {
   EXPECT_GT(basis.unsaid_sigma, 0.005);
 }
 
+// Two or three materials span little and can teach nothing about a fourth: a fit by them must not
+// promise a few per cent.
+TEST(MakeBasis, OfTooFewMaterialsTakesTheirScatterForWhatItCannotSay) {
+  const std::vector<Material> materials = synthetic_materials(3, small_grid, 7);
+  for (const int count : {2, 3}) {
+    BasisOptions options;
+    options.layout = ChannelLayout::stacked;
+    const std::vector<Material> few(materials.begin(), materials.begin() + count);
+    const BrdfBasis basis = basis_of(few, options);
+    EXPECT_FALSE(basis.left_out);
+    // The sample deviation of each row by hand, over all rows (the small grid has no invalid cell).
+    double variance = 0;
+    for (int cell = 0; cell < small_grid.cells(); ++cell) {
+      for (int channel = 0; channel < 3; ++channel) {
+        double mean = 0, square = 0;
+        for (const Material& m : few) {
+          mean += map_value(basis.mapping, cell, m.table.f(cell, channel)) / count;
+        }
+        for (const Material& m : few) {
+          square += std::pow(map_value(basis.mapping, cell, m.table.f(cell, channel)) - mean, 2);
+        }
+        variance += square / (count - 1) / (3.0 * small_grid.cells());
+      }
+    }
+    EXPECT_NEAR(basis.unsaid_sigma, std::sqrt(variance), 1e-9 * std::sqrt(variance));
+    EXPECT_GT(basis.calibration.spread, ErrorCalibration{}.spread);
+  }
+  EXPECT_TRUE(basis_of(synthetic_materials(15, small_grid, 7)).left_out);
+}
+
 TEST(MakeBasis, MasksCellsThatAnyMaterialLacks) {
   std::vector<Material> materials = synthetic_materials(6, small_grid, 5);
   materials[3].table.f(17, 1) = double{NAN};
