@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -115,7 +117,7 @@ const Section& of_axis(const std::vector<const Section*>& tables, const std::str
 std::string in_unit_of(const std::string& axis, std::string rotary_key) {
   if (std::ranges::count(linear_axes(), axis) == 0) return rotary_key;
   for (auto at = rotary_key.find("deg"); at != std::string::npos; at = rotary_key.find("deg"))
-    rotary_key.replace(at, 3, "mm");
+    rotary_key = fmt::format("{}mm{}", rotary_key.substr(0, at), rotary_key.substr(at + 3));
   return rotary_key;
 }
 

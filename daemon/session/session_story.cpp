@@ -56,7 +56,7 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
     lines.push_back(remark);
   }
   if (!result.absolute_scale) {
-    lines.push_back(
+    lines.emplace_back(
         "The scale is nominal: it rests on the lamp strength and sensor response written in the "
         "rig file, not on a calibration. Shape and colour hold; absolute values may be off by one "
         "factor.");
