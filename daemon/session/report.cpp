@@ -92,8 +92,7 @@ std::string compared_with(const SessionResult& r) {
     text += fmt::format(
         " {} lights picked at random from the same reachable positions give {} with the published "
         "pseudo-inverse ({} components) and {} with the estimator used here (medians of {} sets, "
-        "each light photographed by the simulated camera with noise and clipping, and its rows "
-        "corrected as the session's are).",
+        "each light photographed by the simulated camera with noise and clipping).",
         random->lights, percent(random->pseudo_inverse_percent), random->components,
         percent(random->map_percent), random->sets);
   }
