@@ -1,8 +1,10 @@
 #include <algorithm>
+#include <chrono>
 #include <variant>
 
 #include "drivers/backends.h"
 #include "drivers/devices.h"
+#include "drivers/make_safe.h"
 
 namespace lightrig {
 namespace {
@@ -50,6 +52,33 @@ Result<Devices> open_devices(const Rig& rig, Clock& clock) {
   if (!camera) return tl::unexpected(with_context("open camera", camera.error()));
   devices.camera = std::move(*camera);
   return devices;
+}
+
+Result<void> make_safe(const Rig& rig, Clock& clock) {
+  constexpr std::chrono::seconds answer_time{2};
+  const bool on_gantry = std::holds_alternative<GantryLamp>(rig.lamp.backend);
+  Result<std::unique_ptr<Lamp>> lamp = std::unique_ptr<Lamp>();
+  if (!on_gantry)
+    lamp = std::visit([&](const auto& backend) { return open_lamp(rig, backend, clock); },
+                      rig.lamp.backend);
+  // Dark at once: the gantry's wire may take its time to fail.
+  Result<void> dark = lamp ? Result<void>() : Result<void>(tl::unexpected(lamp.error()));
+  if (lamp && *lamp) dark = (*lamp)->set(0, {clock.now() + answer_time, {}});
+  auto gantry = std::visit([&](const auto& backend) { return open_gantry(rig, backend, clock); },
+                           rig.gantry.backend);
+  if (on_gantry) {
+    dark = gantry ? Result<void>() : Result<void>(tl::unexpected(gantry.error()));
+    if (gantry && gantry->lamp) dark = gantry->lamp->set(0, {clock.now() + answer_time, {}});
+  }
+  Result<void> still = gantry ? Result<void>() : Result<void>(tl::unexpected(gantry.error()));
+  if (gantry) gantry->gantry.reset();  // which stops the motion
+  if (!dark)
+    return tl::unexpected(
+        with_context("make the rig safe: LAMP MAY BE ON, look at it", dark.error()));
+  if (!still)
+    return tl::unexpected(with_context(
+        "make the rig safe: the lamp is dark, the gantry may be moving", still.error()));
+  return {};
 }
 
 std::vector<std::string> backends_named_by(const Rig& rig) {

@@ -14,6 +14,7 @@
 
 #include "config/read_rig.h"
 #include "daemon/service/host.h"
+#include "drivers/make_safe.h"
 
 namespace {
 
@@ -125,11 +126,9 @@ int make_safe(const Options& options) {
   const auto rig = rig_of(options);
   if (!rig) return complain(rig.error().message);
   if (options.simulate) return 0;
-  RigAccess access(*rig, false, 1);
-  if (auto opened = access.open(rig->session_defaults.object, {}); !opened)
-    return complain("make the rig safe: " + opened.error().message + ". LAMP MAY BE ON: look");
-  return access.close() ? 0
-                        : complain("make the rig safe: the lamp did not answer. LAMP MAY BE ON");
+  RealClock clock;
+  const auto safe = make_safe(*rig, clock);
+  return safe ? 0 : complain(safe.error().message);
 }
 
 int serve(const Options& options) {

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <thread>
 
+#include "drivers/make_safe.h"
 #include "tests/drivers/wire_rig.h"
 
 namespace lightrig {
@@ -41,6 +42,25 @@ class GrblWire : public testing::Test {
   std::shared_ptr<sim::World> world_;
   std::vector<sim::HostedWire> hosted_;
 };
+
+TEST_F(GrblWire, IsMadeSafeAfterItsProgramDiedWithTheLampLitAndTheArmMoving) {
+  hosted_.clear();
+  for (Axis& axis : rig_.gantry.model.axes)
+    axis.max_speed = 0.2;  // the way home takes half a minute
+  world_ = test::world_of(rig_, clock_);
+  auto hosted = sim::host_wire(rig_, backend_, world_);
+  ASSERT_TRUE(hosted) << hosted.error().message;
+  hosted_ = std::move(*hosted);
+  ASSERT_TRUE(world_->start_homing());
+  ASSERT_TRUE(world_->set_lamp(0.5));
+  const auto safe = make_safe(rig_, clock_);
+  ASSERT_TRUE(safe) << safe.error().message;
+  EXPECT_EQ(world_->lamp_power(), 0);
+  for (int i = 0; i < 200 && !world_->gantry_status().at_rest; ++i)
+    std::this_thread::sleep_for(10ms);
+  EXPECT_TRUE(world_->gantry_status().at_rest);
+  EXPECT_FALSE(world_->gantry_status().homed);
+}
 
 TEST_F(GrblWire, HomesMovesAndReadsItsPositionBack) {
   auto opened = open();
