@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <set>
+#include <utility>
 
 #include "config/check_backends.h"
 #include "config/descriptions.h"
@@ -275,6 +277,35 @@ void check_lamp(const Section& root, Findings& findings) {
                                lamp.number("max_on_time_s"), sensor->number("max_exposure_s")));
 }
 
+/// The bounds of every condition in the right order, and a sensor to read where one is needed.
+void check_pause(const Section& root, const Section& pause, Findings& findings) {
+  constexpr std::array<std::pair<const char*, const char*>, 4> conditions{
+      {{"packet_loss", "_per_frame"},
+       {"lamp_drift", "_percent"},
+       {"lamp_temperature", "_c"},
+       {"camera_temperature", "_c"}}};
+  for (const auto& [name, unit] : conditions) {
+    const Section* s = pause.find(name);
+    const std::string upper = std::string("pause_above") + unit;
+    const std::string lower = std::string("resume_below") + unit;
+    if (s == nullptr || !s->has(upper) || !s->has(lower)) continue;
+    if (s->number(lower) > s->number(upper))
+      findings.error(s->at(lower),
+                     fmt::format("{}.{} is {:g}; it must not exceed {}, {:g}", s->path, lower,
+                                 s->number(lower), upper, s->number(upper)));
+  }
+  const Section* hot = pause.find("lamp_temperature");
+  const Section* lamp = root.find("lamp");
+  if (hot == nullptr || lamp == nullptr || !lamp->has("backend")) return;
+  const Section* modbus = lamp->find("modbus");
+  if (lamp->text("backend") == "simulated" || (modbus != nullptr && modbus->has("temperature")))
+    return;
+  findings.error(hot->place, fmt::format("[{}]: this lamp has no temperature that could be read; "
+                                         "name its register as lamp.modbus.temperature, or remove "
+                                         "this table",
+                                         hot->path));
+}
+
 void check_keep_out(const Section& volume, Findings& findings) {
   if (!volume.has("min_m") || !volume.has("max_m")) return;
   if ((volume.vector3("min_m").array() >= volume.vector3("max_m").array()).any())
@@ -316,6 +347,7 @@ void check_rig(const Section& root, const ControllerProfile* profile, Findings& 
     check_emission(*lamp, findings);
   }
   check_backends(root, profile, findings);
+  if (const Section* pause = root.find("pause")) check_pause(root, *pause, findings);
   for (const Section* volume : root.all("keep_out")) check_keep_out(*volume, findings);
   if (const Section* candidates = root.find("candidates")) check_candidates(*candidates, findings);
 }

@@ -43,6 +43,10 @@ inline constexpr Unit w_per_sr{"_w_per_sr", "W/sr", 1};
 inline constexpr Unit w_per_m2{"_w_per_m2", "W/m²", 1};
 inline constexpr Unit radiance{"_w_per_m2_sr", "W m⁻² sr⁻¹", 1};
 inline constexpr Unit per_sr{"_per_sr", "1/sr", 1};
+inline constexpr Unit celsius{"_c", "°C", 1};
+inline constexpr Unit per_frame{"_per_frame", "packets a frame", 1};
+inline constexpr Unit per_hour{"_percent_per_hour", "%/h", 1};
+inline constexpr Unit c_per_count{"_c_per_count", "°C per count", 1};
 inline constexpr Unit per_deg{"_per_deg", "1/°", 1 / degree};
 inline constexpr Unit per_mm{"_per_mm", "1/mm", 1e3};
 }  // namespace units

@@ -291,10 +291,31 @@ LampConfig make_lamp(const Section& s) {
     if (modbus->has("coil")) m.coil = modbus->integer("coil");
     if (modbus->has("holding")) m.holding = modbus->integer("holding");
     if (modbus->has("full_scale")) m.full_scale = modbus->integer("full_scale");
+    if (modbus->has("temperature")) m.temperature = modbus->integer("temperature");
+    if (m.temperature) m.degrees_per_count = modbus->number("temperature_c_per_count");
     m.timeout = milliseconds(*modbus, "timeout_ms");
     l.backend = std::move(m);
   }
   return l;
+}
+
+PauseRule make_pause_rule(const Section& s, const std::string& unit, double si = 1) {
+  return {si * s.number("pause_above" + unit), si * s.number("resume_below" + unit),
+          s.boolean("resume_by_itself")};
+}
+
+PauseConditions make_pause(const Section& s) {
+  PauseConditions p;
+  if (const Section* loss = s.find("packet_loss"))
+    p.packet_loss = {make_pause_rule(*loss, "_per_frame"), loss->integer("over_frames")};
+  if (const Section* drift = s.find("lamp_drift"))
+    p.lamp_drift = {make_pause_rule(*drift, "_percent", 0.01), drift->integer("every_lights"),
+                    drift->number("recheck_minutes")};
+  if (const Section* lamp = s.find("lamp_temperature"))
+    p.lamp_temperature = make_pause_rule(*lamp, "_c");
+  if (const Section* camera = s.find("camera_temperature"))
+    p.camera_temperature = make_pause_rule(*camera, "_c");
+  return p;
 }
 
 KeepOut make_keep_out(const Section& s) {
@@ -327,6 +348,7 @@ SimulationConfig make_simulation(const Section& s) {
   c.pose_error = s.number("pose_error_deg");
   c.lamp_position_error = s.number("lamp_position_error_mm");
   c.ambient = s.channels("ambient_w_per_m2_sr");
+  c.lamp_drift = 0.01 / 3600 * s.number("lamp_drift_percent_per_hour");
   return c;
 }
 
@@ -345,6 +367,7 @@ Rig make_rig(const Section& root, const ControllerProfile* profile) {
   rig.lamp = make_lamp(root.table("lamp"));
   for (const Section* s : root.all("interlocks"))
     rig.interlocks.push_back({s->name, s->text("input"), s->boolean("resume_by_itself")});
+  if (const Section* s = root.find("pause")) rig.pause = make_pause(*s);
   for (const Section* s : root.all("keep_out")) rig.keep_out.push_back(make_keep_out(*s));
   rig.candidates = make_candidates(root.table("candidates"));
   if (const Section* s = root.find("simulation")) rig.simulation = make_simulation(*s);

@@ -129,9 +129,11 @@ struct GantryLamp {
 struct ModbusLamp {
   std::variant<TcpEndpoint, SerialEndpoint> endpoint;
   int unit = 1;
-  std::optional<int> coil;     ///< either a coil (on/off) …
-  std::optional<int> holding;  ///< … or a register
-  int full_scale = 1;          ///< register value of power 1
+  std::optional<int> coil;         ///< either a coil (on/off) …
+  std::optional<int> holding;      ///< … or a register
+  int full_scale = 1;              ///< register value of power 1
+  std::optional<int> temperature;  ///< holding register of its temperature, a signed count
+  double degrees_per_count = 0;    ///< [°C]
   std::chrono::milliseconds timeout{500};
 };
 struct SimulatedLamp {};
@@ -160,6 +162,31 @@ struct Interlock {
   std::string name;
   std::string input;  ///< input name of the controller profile
   bool resume_by_itself = false;
+};
+
+/// What pauses a running session, and when it may go on: between the two bounds nothing changes, so
+/// that a reading on the edge does not make it stop and go.
+struct PauseRule {
+  double pause_above = 0;
+  double resume_below = 0;  ///< ≤ pause_above
+  bool resume_by_itself = false;
+};
+/// Packets that the camera lost or had to send again, mean per frame over the last frames.
+struct PacketLossRule {
+  PauseRule rule;  ///< [packets/frame]
+  int over_frames = 20;
+};
+/// The lamp's light on the first light's scene, looked at again every so many lights.
+struct LampDriftRule {
+  PauseRule rule;  ///< [1] share by which the light has changed, up or down
+  int every_lights = 5;
+  double recheck = 300;  ///< [s] between two looks while paused for it
+};
+/// The conditions a rig is watched for; one that the rig file does not name is not.
+struct PauseConditions {
+  std::optional<PacketLossRule> packet_loss;
+  std::optional<LampDriftRule> lamp_drift;
+  std::optional<PauseRule> lamp_temperature, camera_temperature;  ///< [°C]
 };
 
 /// Where lamp and arm may not go. Shapes in the world frame [m].
@@ -195,6 +222,7 @@ struct SimulationConfig {
   double pose_error = 0;           ///< [rad] rotation of the real object against the modelled one
   double lamp_position_error = 0;  ///< [m] rms, fixed per position
   Eigen::Array3d ambient = Eigen::Array3d::Zero();  ///< [W m⁻² sr⁻¹] seen with the lamp off
+  double lamp_drift = 0;  ///< [1/s] by which the lamp brightens, of what it first gave
 };
 
 /// A rig, complete and valid: config yields no other.
@@ -204,6 +232,7 @@ struct Rig {
   GantryConfig gantry;
   LampConfig lamp;
   std::vector<Interlock> interlocks;
+  PauseConditions pause;
   std::vector<KeepOut> keep_out;
   CandidateRule candidates;
   std::optional<SimulationConfig> simulation;

@@ -35,6 +35,110 @@ TableSpec interlocks_table() {
   return t;
 }
 
+KeySpec by_itself() {
+  return {.name = "resume_by_itself",
+          .kind = ValueKind::boolean,
+          .need = Need::defaulted,
+          .fallback = "false",
+          .doc =
+              "Whether the session goes on once the reading is below the lower bound; otherwise "
+              "it waits for a person, whose word counts as soon as it is no longer above the "
+              "upper one."};
+}
+
+TableSpec packet_loss_table() {
+  TableSpec t{.name = "packet_loss",
+              .need = Need::optional,
+              .doc =
+                  "Packets that the camera lost or had to send again, on average over the last "
+                  "frames. While paused, dark frames are taken to see whether they still go "
+                  "astray."};
+  t.keys = {
+      {.name = "pause_above_per_frame",
+       .unit = units::per_frame,
+       .range = not_negative,
+       .doc = "More than this pauses the session."},
+      {.name = "resume_below_per_frame",
+       .unit = units::per_frame,
+       .range = not_negative,
+       .doc = "As few as this, over all the frames looked at, and it may go on."},
+      {.name = "over_frames",
+       .kind = ValueKind::integer,
+       .range = {1, 1000},
+       .need = Need::defaulted,
+       .fallback = "20",
+       .doc = "Frames looked at: the last so many."},
+      by_itself(),
+  };
+  return t;
+}
+
+TableSpec lamp_drift_table() {
+  TableSpec t{.name = "lamp_drift",
+              .need = Need::optional,
+              .doc =
+                  "The lamp's light, measured by a reference frame: the gantry goes back to the "
+                  "first light captured and takes one of its frames again; the reading is how "
+                  "far the median of the lit sites' ratio is from 1."};
+  t.keys = {
+      {.name = "pause_above_percent",
+       .unit = units::percent,
+       .range = {0, 100, true},
+       .doc = "More than this, up or down, pauses the session."},
+      {.name = "resume_below_percent",
+       .unit = units::percent,
+       .range = {0, 100, true},
+       .doc = "As little as this and it may go on."},
+      {.name = "every_lights",
+       .kind = ValueKind::integer,
+       .range = {1, 100000},
+       .need = Need::defaulted,
+       .fallback = "5",
+       .doc = "A reference frame after every so many lights."},
+      {.name = "recheck_minutes",
+       .unit = units::minutes,
+       .range = {0, 1440, true},
+       .need = Need::defaulted,
+       .fallback = "5",
+       .doc =
+           "Time between two reference frames while the session is paused for drift; the lamp is "
+           "dark between them."},
+      by_itself(),
+  };
+  return t;
+}
+
+TableSpec temperature_table(const char* name, const char* doc) {
+  TableSpec t{.name = name, .need = Need::optional, .doc = doc};
+  t.keys = {
+      {.name = "pause_above_c",
+       .unit = units::celsius,
+       .range = {-40, 300},
+       .doc = "Hotter than this pauses the session."},
+      {.name = "resume_below_c",
+       .unit = units::celsius,
+       .range = {-40, 300},
+       .doc = "As cool as this and it may go on."},
+      by_itself(),
+  };
+  return t;
+}
+
+TableSpec pause_table() {
+  TableSpec t{.name = "pause",
+              .need = Need::optional,
+              .doc =
+                  "Conditions that pause a session, lamp dark, between two lights; what is not "
+                  "named is not watched. An open interlock and a full disk always do."};
+  t.tables = {packet_loss_table(), lamp_drift_table(),
+              temperature_table("lamp_temperature",
+                                "The lamp's own sensor, where the rig file names one "
+                                "(lamp.modbus.temperature)."),
+              temperature_table("camera_temperature",
+                                "The camera's own sensor (GenICam's DeviceTemperature).")};
+  return t;
+}
+
 TableSpec keep_out_table() {
   const Condition box{"shape", {"box"}}, sphere{"shape", {"sphere"}};
   TableSpec t{.name = "keep_out",
@@ -182,14 +286,23 @@ TableSpec simulation_table() {
        .need = Need::defaulted,
        .fallback = "0",
        .doc = "Radiance that the camera sees with the lamp off."},
+      {.name = "lamp_drift_percent_per_hour",
+       .unit = units::per_hour,
+       .range = {-100, 10000},
+       .need = Need::defaulted,
+       .fallback = "0",
+       .doc =
+           "By which the lamp brightens (or, below 0, fades) on the simulated clock. Frames then "
+           "depend on when they are taken."},
   };
   return t;
 }
 
 TableSpec describe_rig() {
   TableSpec root{.name = "", .doc = "A rig file."};
-  root.tables = {rig_table(),        camera_table(),   gantry_table(),     lamp_table(),
-                 interlocks_table(), keep_out_table(), candidates_table(), simulation_table()};
+  root.tables = {rig_table(),      camera_table(),     gantry_table(),
+                 lamp_table(),     interlocks_table(), pause_table(),
+                 keep_out_table(), candidates_table(), simulation_table()};
   for (TableSpec table : session_tables()) {
     // A rig file may leave them to the session file.
     if (table.need == Need::required) table.need = Need::optional;

@@ -51,9 +51,10 @@ class Lamp {
   virtual Result<LampState> state(const Until& until) = 0;
 };
 
-/// Counters a camera keeps of its stream.
+/// Counters a camera keeps of its stream, and what it says of itself beside.
 struct CameraCounters {
   std::uint64_t frames = 0, rejected = 0, packets_resent = 0, packets_lost = 0;
+  std::optional<double> temperature_c;  ///< as read last, where the camera has a sensor
 };
 
 /// The camera: a whole frame taken at this exposure, or an error; never a doubtful frame.

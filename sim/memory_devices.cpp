@@ -110,7 +110,7 @@ class MemoryLamp final : public Lamp {
     if (auto begun = may_begin(world_->clock(), until, "reading the lamp"); !begun) {
       return tl::unexpected(begun.error());
     }
-    return LampState{world_->lamp_power(), true, std::nullopt};
+    return LampState{world_->lamp_power(), true, world_->lamp_temperature()};
   }
 
  private:
@@ -154,17 +154,35 @@ class MemoryCamera final : public Camera {
     if (!frame) return frame;
     clock.sleep_until(in_hand, until.stop);
     if (until.stop.stop_requested()) return stopped("the exposure");
-    ++counters_.frames;
-    return frame;
+    return received(std::move(*frame));
   }
 
-  CameraCounters counters() const override { return counters_; }
+  CameraCounters counters() const override {
+    CameraCounters counters = counters_;
+    counters.temperature_c = world_->camera_temperature();
+    return counters;
+  }
   std::string identity() const override {
     return fmt::format("lightrig simulated camera {}x{} {} bit", world_->rig().camera.model.width,
                        world_->rig().camera.model.height, world_->rig().camera.sensor.bits);
   }
 
  private:
+  /// What comes through the packets of the day.
+  Result<Frame> received(Frame frame) {
+    const PacketWeather weather = world_->packet_weather();
+    counters_.packets_resent += weather.resent_per_frame;
+    counters_.packets_lost += weather.lost_per_frame;
+    if (weather.lost_per_frame > 0) {
+      ++counters_.rejected;
+      return fail(ErrorCode::timed_out,
+                  fmt::format("{} packets of the frame were lost and not sent again",
+                              weather.lost_per_frame));
+    }
+    ++counters_.frames;
+    return frame;
+  }
+
   std::shared_ptr<World> world_;
   CameraCounters counters_;
 };

@@ -74,7 +74,8 @@ World::World(const Rig& rig, Mesh object, Reflectance truth, Clock& clock, std::
       dynamics_(rig.gantry.model,
                 ArmModel{rig.simulation->arm_frequency, rig.simulation->arm_damping},
                 parked(rig.gantry.model), clock.now()),
-      lamp_until_(clock.now()) {
+      lamp_until_(clock.now()),
+      opened_(clock.now()) {
   CHECK(rig.simulation.has_value());
   seen_.emplace(0.0,
                 Renderer(object_, rig.camera.model, rig.camera.sensor.filter, truth_, options));
@@ -198,6 +199,37 @@ void World::slip(std::size_t axis, double by) {
   dynamics_.displace(shift);
 }
 
+void World::set_lamp_gain(double gain) {
+  const std::lock_guard lock(mutex_);
+  lamp_gain_ = gain;
+}
+
+void World::set_temperatures(double lamp_c, double camera_c) {
+  const std::lock_guard lock(mutex_);
+  lamp_temperature_ = lamp_c;
+  camera_temperature_ = camera_c;
+}
+
+void World::set_packet_weather(PacketWeather weather) {
+  const std::lock_guard lock(mutex_);
+  packet_weather_ = weather;
+}
+
+double World::lamp_temperature() const {
+  const std::lock_guard lock(mutex_);
+  return lamp_temperature_;
+}
+
+double World::camera_temperature() const {
+  const std::lock_guard lock(mutex_);
+  return camera_temperature_;
+}
+
+PacketWeather World::packet_weather() const {
+  const std::lock_guard lock(mutex_);
+  return packet_weather_;
+}
+
 // --- lamp
 
 Result<void> World::set_lamp(double power) {
@@ -296,6 +328,8 @@ SceneMoment World::look() const {
   moment.light = true_light(motion);
   if (turns_object(rig_.gantry.model)) moment.turn = motion.position[0] + motion.deflection[0];
   moment.lamp_power = moment.time < lamp_until_ ? lamp_power_ : 0;
+  const double open = std::chrono::duration<double>(moment.time - opened_).count();
+  moment.lamp_gain = std::max(0.0, lamp_gain_ * (1 + rig_.simulation->lamp_drift * open));
   return moment;
 }
 
@@ -327,7 +361,7 @@ Result<SiteRadiance> World::radiance_at(const SceneMoment& moment, const std::st
       shaded_ = Shaded{moment.light, moment.turn, std::move(*image)};
       ++renders_;
     }
-    const auto power = static_cast<float>(moment.lamp_power);
+    const auto power = static_cast<float>(moment.lamp_power * moment.lamp_gain);
     std::transform(shaded_->radiance.begin(), shaded_->radiance.end(), radiance.begin(),
                    [power](float lit) { return power * lit; });
   }

@@ -28,6 +28,13 @@ struct SceneMoment {
                           ///< error included
   double turn = 0;        ///< [rad] how far a turntable had really turned the object
   double lamp_power = 0;  ///< [0, 1]
+  double lamp_gain = 1;   ///< what the lamp gives of what it gave at first
+};
+
+/// What becomes of the camera's packets, from now on.
+struct PacketWeather {
+  std::uint64_t resent_per_frame = 0;  ///< lost and sent again
+  std::uint64_t lost_per_frame = 0;    ///< lost for good, if any: the frame is rejected
 };
 
 /// The laboratory's own record of a frame, to judge what a session has written.
@@ -91,6 +98,14 @@ class World {
   void raise_alarm(const std::string& text);               ///< Halts the gantry.
   /// An axis jumps by so much [rad or m]; its encoder sees it.
   void slip(std::size_t axis, double by);
+  void set_lamp_gain(double gain);  ///< What the lamp gives, of what it should; drift comes on top.
+  void set_temperatures(double lamp_c, double camera_c);
+  void set_packet_weather(PacketWeather weather);
+
+  // --- what sensors beside the picture see
+  double lamp_temperature() const;    ///< [°C] 25 unless set
+  double camera_temperature() const;  ///< [°C] 25 unless set
+  PacketWeather packet_weather() const;
 
   /// Of the last 65,536 frames, in order.
   std::vector<ExposureRecord> records() const;
@@ -121,6 +136,10 @@ class World {
   std::set<std::string> open_interlocks_;
   double lamp_power_ = 0;
   TimePoint lamp_until_;
+  const TimePoint opened_;
+  double lamp_gain_ = 1;
+  double lamp_temperature_ = 25, camera_temperature_ = 25;
+  PacketWeather packet_weather_;
   std::uint64_t take_ = 0;
   std::uint64_t frames_ = 0;
   std::map<std::pair<double, double>, std::uint64_t>

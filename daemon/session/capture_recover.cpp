@@ -11,7 +11,6 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds pause_beat{250};         ///< between looks at what a pause waits for
 constexpr milliseconds interlock_calm{2000};    ///< an input must stay closed this long
 constexpr milliseconds longest_backoff{30000};  ///< between tries when space seems there but is not
 constexpr int most_rehomings = 1;               ///< beside the homing a session begins with
@@ -42,6 +41,14 @@ Result<void> CaptureRun::recover(const std::string& step, Error error, RetryTall
   while (true) {
     if (!hand_.lamp_known_dark()) (void)hand_.lamp_dark();
     if (hand_.stop_requested()) return fail(ErrorCode::stopped, error.message);
+    if (error.code == ErrorCode::timed_out) {
+      // A frame that came with holes is the network's failure, and begins no ladder once that is
+      // well.
+      const auto held = pause_for_packets();
+      if (!held && held.error().code == ErrorCode::stopped) return tl::unexpected(held.error());
+      if (held && *held) tally = {};
+      if (!held) error = held.error();
+    }
     Remedy remedy = tally.next(error.code);
     if (remedy == Remedy::reopen && !t_.reopen) remedy = Remedy::give_up;
     if (remedy == Remedy::give_up) return tl::unexpected(error);
@@ -99,34 +106,6 @@ Result<void> CaptureRun::look(const std::optional<Error>& unless_mended) {
     mended = true;
   }
   if (unless_mended && !mended) return tl::unexpected(*unless_mended);
-  return {};
-}
-
-/// Waits with the lamp dark until `may_go_on` says so (Result<bool>; asked every beat, told whether
-/// a person said to resume). Errors: stopped, and those of may_go_on and the journal.
-template <class MayGoOn>
-Result<void> CaptureRun::pause(const char* why, const std::string& reason, MayGoOn may_go_on) {
-  if (auto dark = hand_.lamp_dark(); !dark && !hand_.lamp_known_dark()) return dark;
-  const nlohmann::ordered_json fields{{"why", why},
-                                      {"reason", reason},
-                                      {"measured", {{"at", utc_now()}, {"elapsed_s", elapsed()}}}};
-  const std::string before = activity_;
-  // On a full disk this line may have to wait for the end of the pause.
-  bool paused_noted = static_cast<bool>(try_note("paused", fields));
-  while (true) {
-    say("paused: " + reason);
-    const bool word = t_.control.wait_for_word(pause_beat);
-    if (hand_.stop_requested()) return fail(ErrorCode::stopped, "stopped while paused");
-    const Result<bool> go_on = may_go_on(word);
-    if (!go_on) return tl::unexpected(go_on.error());
-    if (!*go_on) continue;
-    if (!paused_noted) paused_noted = static_cast<bool>(try_note("paused", fields));
-    const auto resumed =
-        try_note("resumed", {{"measured", {{"at", utc_now()}, {"elapsed_s", elapsed()}}}});
-    if (resumed) break;
-    if (resumed.error().code != ErrorCode::no_space) return resumed;
-  }
-  say(before);
   return {};
 }
 

@@ -99,11 +99,13 @@ Result<Ending> CaptureRun::story() {
   }
   for (const int index : order) {
     if (is_captured(index)) continue;
+    if (auto fine = watch_conditions(); !fine) return tl::unexpected(fine.error());
     auto ending = capture_next(index);
     if (!ending) return tl::unexpected(ending.error());
     if (*ending) return **ending;
   }
   if (auto collected = collect_shot(); !collected) return tl::unexpected(collected.error());
+  if (auto fine = watch_lamp(); !fine) return tl::unexpected(fine.error());
   return Ending{SessionOutcome::done,
                 fmt::format("all {} lights of the plan are captured", order.size())};
 }
@@ -136,23 +138,23 @@ Result<void> CaptureRun::ensure_darks() {
   if (captured_.darks.size() == offered.size()) return {};
   const GantryPosition home = home_position(t_.rig.gantry.model);
   bool first = true;
-  auto taken = persevere("dark frames", [&]() -> Result<std::vector<TakenFrame>> {
+  auto taken = persevere("dark frames", [&]() -> Result<void> {
     // Like a shot, done again from its move on.
     if (!std::exchange(first, false)) {
-      if (auto there = hand_.go_to(home); !there) return tl::unexpected(there.error());
+      if (auto there = hand_.go_to(home); !there) return there;
     }
-    std::vector<TakenFrame> frames;
-    for (const double exposure : offered) {
-      if (auto go = checkpoint(home); !go) return tl::unexpected(go.error());
-      say(fmt::format("dark frame {}/{}", frames.size() + 1, offered.size()));
-      auto frame = take("dark", exposure_name(exposure), "dark", exposure);
+    store_.drop();
+    for (std::size_t i = 0; i < offered.size(); ++i) {
+      if (auto go = checkpoint(home); !go) return go;
+      say(fmt::format("dark frame {}/{}", i + 1, offered.size()));
+      auto frame = take("dark", exposure_name(offered[i]), "dark", offered[i]);
       if (!frame) return tl::unexpected(frame.error());
-      frames.push_back(std::move(*frame));
+      store_.add(std::move(*frame));
     }
-    return frames;
+    return {};
   });
-  if (!taken) return tl::unexpected(taken.error());
-  store_.begin(std::move(*taken));
+  if (!taken) return taken;
+  store_.begin();
   auto stored = persevere("store the dark frames",
                           [this] { return store_.collect(t_.control.stop_token()); });
   if (!stored) return tl::unexpected(stored.error());
@@ -176,14 +178,8 @@ Result<std::optional<Ending>> CaptureRun::compare_reference() {
   if (!likeness) return tl::unexpected(likeness.error());
   const bool like =
       std::abs(likeness->ratio - 1) <= reference_ratio && likeness->strayed <= reference_strayed;
-  auto noted = note("reference", {{"name", shot.name},
-                                  {"like", like},
-                                  {"measured",
-                                   {{"ratio", likeness->ratio},
-                                    {"strayed", likeness->strayed},
-                                    {"sites", likeness->sites},
-                                    {"elapsed_s", elapsed()}}}});
-  if (!noted) return tl::unexpected(noted.error());
+  if (auto noted = note_reference(shot.name, like, *likeness); !noted)
+    return tl::unexpected(noted.error());
   if (like) return std::optional<Ending>();
   return std::optional<Ending>(
       {SessionOutcome::paused,
@@ -192,6 +188,17 @@ Result<std::optional<Ending>> CaptureRun::compare_reference() {
            "bright, and {:.1f} % of {} sites have changed; put sample, camera and lamp back "
            "and resume, or begin a new session",
            shot.name, 100 * likeness->ratio, 100 * likeness->strayed, likeness->sites)});
+}
+
+Result<void> CaptureRun::note_reference(const std::string& name, bool like,
+                                        const FrameLikeness& likeness) {
+  return note("reference", {{"name", name},
+                            {"like", like},
+                            {"measured",
+                             {{"ratio", likeness.ratio},
+                              {"strayed", likeness.strayed},
+                              {"sites", likeness.sites},
+                              {"elapsed_s", elapsed()}}}});
 }
 
 Result<FrameLikeness> CaptureRun::reference_likeness(const CapturedShot& shot,
@@ -224,8 +231,9 @@ Result<std::optional<Ending>> CaptureRun::capture_next(int index) {
     return take_shot(index);
   });
   if (!taken) return tl::unexpected(taken.error());
-  store_.begin(std::move(taken->frames));
+  store_.begin();
   pending_ = std::move(*taken);
+  ++lights_since_look_;
   return std::optional<Ending>();
 }
 

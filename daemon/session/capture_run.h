@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <optional>
 #include <string>
 #include <utility>
@@ -35,17 +36,20 @@ struct Ending {
   std::string reason;
 };
 
-/// A shot whose frames are taken and verified, and not yet journaled.
+/// Between looks at what a pause waits for; real time, since people wait too.
+inline constexpr std::chrono::milliseconds pause_beat{250};
+
+/// A shot that is being taken, or taken and verified and not yet journaled; its frames are the
+/// store's.
 struct TakenShot {
   int index = -1;
-  std::vector<TakenFrame> frames;
   std::vector<double> skipped;  ///< [s]
   GantryPosition stood_at;      ///< as read after the last exposure
   std::string finished_at;      ///< UTC
 };
 
 /// One call of capture(). The story is told in capture_run.cpp, one shot in capture_shot.cpp,
-/// waiting and recovering in capture_recover.cpp.
+/// waiting and recovering in capture_recover.cpp, what else it waits for in capture_watch.cpp.
 class CaptureRun {
  public:
   CaptureRun(const CaptureTools& tools, Journal journal, Captured captured);
@@ -59,6 +63,7 @@ class CaptureRun {
   Result<void> ensure_darks();
   Result<std::optional<Ending>> compare_reference();
   Result<FrameLikeness> reference_likeness(const CapturedShot& shot, const StoredFrame& stored);
+  Result<void> note_reference(const std::string& name, bool like, const FrameLikeness& likeness);
   Result<std::optional<Ending>> capture_next(int index);
   std::optional<Ending> early_ending();
   Result<void> collect_shot();
@@ -71,7 +76,7 @@ class CaptureRun {
   // One shot.
   Result<void> approach(int index);
   Result<TakenShot> take_shot(int index);
-  Result<void> take_ambient(TakenShot& shot);
+  Result<void> take_ambient(const TakenShot& shot);
   Result<std::vector<double>> meter(TakenShot& shot);
   Result<void> still_in_place(const GantryPosition& target);
   Result<TakenFrame> take(const std::string& folder, const std::string& name,
@@ -90,6 +95,16 @@ class CaptureRun {
   template <class MayGoOn>
   Result<void> pause(const char* why, const std::string& reason, MayGoOn may_go_on);
 
+  // Conditions.
+  Result<void> watch_conditions();
+  template <class Tell, class Look>
+  Result<bool> hold(const PauseRule& rule, double reading, Tell tell, Look look);
+  Result<bool> pause_for_packets();
+  Result<void> pause_for_heat();
+  Result<void> dark_look();
+  Result<StoredFrame> drift_reference();
+  Result<void> watch_lamp();
+
   // Telling.
   Result<void> note(const std::string& event, nlohmann::ordered_json fields);
   Result<void> try_note(const std::string& event, const nlohmann::ordered_json& fields);
@@ -107,15 +122,45 @@ class CaptureRun {
   FrameStore store_;
   Alongside alongside_;
   CaptureTime predicted_;
-  std::optional<TakenShot> pending_;  ///< in the store, not journaled; its frames are the store's
+  std::optional<TakenShot> pending_;  ///< in the store, not journaled
   TimePoint began_;
   double elapsed_before_ = 0;  ///< [s] of earlier parts
   std::string activity_;
   bool homed_ = false;
   int rehomings_ = 0;
-  int space_waits_ = 0;  ///< in a row without anything stored between
-  Error dark_problem_;   ///< why the lamp could not be switched off, if so
+  int space_waits_ = 0;        ///< in a row without anything stored between
+  int lights_since_look_ = 0;  ///< captured since the lamp was last looked at
+  std::optional<StoredFrame> drift_reference_;
+  Error dark_problem_;  ///< why the lamp could not be switched off, if so
 };
+
+/// Waits with the lamp dark until `may_go_on` says so (Result<bool>; asked every beat, told whether
+/// a person said to resume). Errors: stopped, and those of may_go_on and the journal.
+template <class MayGoOn>
+Result<void> CaptureRun::pause(const char* why, const std::string& reason, MayGoOn may_go_on) {
+  if (auto dark = hand_.lamp_dark(); !dark && !hand_.lamp_known_dark()) return dark;
+  const nlohmann::ordered_json fields{{"why", why},
+                                      {"reason", reason},
+                                      {"measured", {{"at", utc_now()}, {"elapsed_s", elapsed()}}}};
+  const std::string before = activity_;
+  // On a full disk this line may have to wait for the end of the pause.
+  bool paused_noted = static_cast<bool>(try_note("paused", fields));
+  while (true) {
+    say("paused: " + reason);
+    const bool word = t_.control.wait_for_word(pause_beat);
+    if (hand_.stop_requested()) return fail(ErrorCode::stopped, "stopped while paused");
+    const Result<bool> go_on = may_go_on(word);
+    if (!go_on) return tl::unexpected(go_on.error());
+    if (!*go_on) continue;
+    if (!paused_noted) paused_noted = static_cast<bool>(try_note("paused", fields));
+    const auto resumed =
+        try_note("resumed", {{"measured", {{"at", utc_now()}, {"elapsed_s", elapsed()}}}});
+    if (resumed) break;
+    if (resumed.error().code != ErrorCode::no_space) return resumed;
+  }
+  say(before);
+  return {};
+}
 
 /// Repeats a step as the retry policy says.
 template <class Attempt>

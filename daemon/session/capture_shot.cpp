@@ -46,6 +46,7 @@ Result<TakenShot> CaptureRun::take_shot(int index) {
   const Shot& plan = planned(index);
   const auto failed = [](const Error& error) { return tl::unexpected(error); };
   if (auto there = hand_.verify_at(plan.gantry); !there) return failed(there.error());
+  store_.drop();  // what an attempt that failed has left
   TakenShot shot;
   shot.index = index;
   if (auto done = take_ambient(shot); !done) return failed(done.error());
@@ -60,7 +61,7 @@ Result<TakenShot> CaptureRun::take_shot(int index) {
     auto frame = take(folder, exposure_name((*exposures)[i]), "bracket", (*exposures)[i]);
     if (!frame) return failed(frame.error());
     if (auto stood = still_in_place(plan.gantry); !stood) return failed(stood.error());
-    shot.frames.push_back(std::move(*frame));
+    store_.add(std::move(*frame));
   }
   // A lamp that failed on the way would make dark frames of lit ones.
   if (auto lit = hand_.still_lit(); !lit) return failed(lit.error());
@@ -78,7 +79,7 @@ Result<TakenShot> CaptureRun::take_shot(int index) {
 }
 
 /// One lamp-off frame: at the longest exposure on offer that the ambient light does not saturate.
-Result<void> CaptureRun::take_ambient(TakenShot& shot) {
+Result<void> CaptureRun::take_ambient(const TakenShot& shot) {
   const std::string folder = name_of_shot(shot.index);
   std::vector<double> offered = planned(shot.index).exposures;
   while (true) {
@@ -90,7 +91,7 @@ Result<void> CaptureRun::take_ambient(TakenShot& shot) {
       return tl::unexpected(stood.error());
     offered.pop_back();
     if (!offered.empty() && too_long(frame->frame, t_.rig.camera.sensor)) continue;
-    shot.frames.push_back(std::move(*frame));
+    store_.add(std::move(*frame));
     return {};
   }
 }
@@ -110,7 +111,7 @@ Result<std::vector<double>> CaptureRun::meter(TakenShot& shot) {
   const ExposureChoice choice =
       choose_exposures(frame->frame, lit_sites(t_.rig, t_.spec, t_.prepared, shot.index),
                        plan.exposures, t_.rig.camera.sensor, t_.spec.bracket.target_snr);
-  shot.frames.push_back(std::move(*frame));
+  store_.add(std::move(*frame));
   shot.skipped = choice.skipped;
   std::vector<double> remaining = choice.exposures;
   std::erase(remaining, exposure);

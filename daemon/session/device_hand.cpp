@@ -64,7 +64,10 @@ DeviceHand::DeviceHand(const Rig& rig, const Prepared& prepared, Devices& device
       obstacles_(obstacles_of(rig, &prepared.object.mesh)),
       devices_(devices),
       clock_(clock),
-      stop_(std::move(stop)) {}
+      stop_(std::move(stop)),
+      packets_(rig.pause.packet_loss ? rig.pause.packet_loss->over_frames : 1) {
+  if (devices.camera) packets_.begin(devices.camera->counters());
+}
 
 Until DeviceHand::within(double seconds) const { return {later(clock_.now(), seconds), stop_}; }
 
@@ -178,6 +181,7 @@ Result<Frame> DeviceHand::expose(double seconds) {
   }
   auto frame =
       devices_.camera->expose(seconds, within(seconds + rig_.camera.readout_time + camera_margin));
+  packets_.add(devices_.camera->counters());
   if (!frame) {
     return tl::unexpected(
         with_context(fmt::format("take a frame of {} s", seconds), frame.error()));
@@ -250,9 +254,22 @@ Result<void> DeviceHand::reopen(const ReopenDevices& reopen) {
   auto opened = reopen();
   if (!opened) return tl::unexpected(with_context("open the devices again", opened.error()));
   devices_.camera = std::move(opened->camera);
+  packets_.begin(devices_.camera->counters());
   devices_.gantry = std::move(opened->gantry);
   devices_.lamp = std::move(opened->lamp);
   return lamp_dark();
+}
+
+Result<LampState> DeviceHand::lamp_state() {
+  if (!devices_.lamp) return not_open("lamp");
+  auto state = devices_.lamp->state(within(answer_time));
+  if (!state) return tl::unexpected(with_context("ask the lamp's state", state.error()));
+  return state;
+}
+
+std::optional<double> DeviceHand::camera_temperature() const {
+  if (!devices_.camera) return std::nullopt;
+  return devices_.camera->counters().temperature_c;
 }
 
 Result<void> DeviceHand::sleep(double seconds) {

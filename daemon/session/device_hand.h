@@ -8,6 +8,7 @@
 
 #include "config/rig.h"
 #include "daemon/session/lay_candidates.h"
+#include "daemon/session/pause_rules.h"
 #include "daemon/session/session.h"
 #include "drivers/devices.h"
 
@@ -48,6 +49,11 @@ class DeviceHand {
   /// anew.
   const std::optional<GantryStatus>& last_status() const { return last_status_; }
 
+  /// What the lamp says of itself, its temperature among it.
+  Result<LampState> lamp_state();
+  std::optional<double> camera_temperature() const;  ///< [°C] as of the last frame
+  PacketWindow& packets() { return packets_; }
+
   /// Destroys the devices, lamp first, and opens them again; the lamp is told to go dark.
   Result<void> reopen(const ReopenDevices& reopen);
 
@@ -72,6 +78,7 @@ class DeviceHand {
   TimePoint lamp_renewed_{};
   std::optional<std::uint64_t> last_frame_id_;
   std::optional<GantryStatus> last_status_;
+  PacketWindow packets_;
 };
 
 /// What keeps the gantry from being trusted to stand at `target`; "" when nothing does.

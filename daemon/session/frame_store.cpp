@@ -38,20 +38,31 @@ FrameStore::FrameStore(SessionFolder folder, SensorModel sensor)
 
 FrameStore::~FrameStore() = default;
 
-void FrameStore::begin(std::vector<TakenFrame> frames) {
+void FrameStore::add(TakenFrame frame) {
   {
     const std::lock_guard lock(mutex_);
-    CHECK(frames_.empty() && !storing_);
-    frames_ = std::move(frames);
-    outcome_.reset();
-    storing_ = true;
+    CHECK(!storing_ && !outcome_);
+    frames_.push_back(std::move(frame));
   }
   changed_.notify_all();
 }
 
-bool FrameStore::busy() const {
-  const std::lock_guard lock(mutex_);
-  return !frames_.empty();
+void FrameStore::drop() {
+  std::unique_lock lock(mutex_);
+  CHECK(!storing_ && !outcome_);
+  changed_.wait(lock, [this] { return !busy_; });
+  frames_.clear();
+  encoded_.clear();
+}
+
+void FrameStore::begin() {
+  {
+    const std::lock_guard lock(mutex_);
+    CHECK(!frames_.empty() && !storing_);
+    outcome_.reset();
+    storing_ = true;
+  }
+  changed_.notify_all();
 }
 
 Result<std::vector<StoredFrame>> FrameStore::collect(const std::stop_token& stop) {
@@ -66,27 +77,43 @@ Result<std::vector<StoredFrame>> FrameStore::collect(const std::stop_token& stop
   }
   Result<std::vector<StoredFrame>> result = std::move(*outcome_);
   outcome_.reset();
-  if (result) frames_.clear();
+  if (result) {
+    frames_.clear();
+    encoded_.clear();
+  }
   return result;
 }
 
 void FrameStore::run(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
-  while (changed_.wait(lock, stop, [this] { return storing_; })) {
-    lock.unlock();
-    auto result = store();  // frames_ is ours alone while storing_
-    lock.lock();
-    outcome_ = std::move(result);
-    storing_ = false;
+  const auto work = [this] { return storing_ || encoded_.size() < frames_.size(); };
+  while (changed_.wait(lock, stop, work)) {
+    busy_ = true;
+    if (encoded_.size() < frames_.size()) {
+      if (stop.stop_requested() && !storing_) return;  // a shot that never became whole
+      const TakenFrame& taken = frames_[encoded_.size()];
+      lock.unlock();
+      Encoded bytes = encode_frame(taken.frame, sensor_, {taken.file, taken.role});
+      lock.lock();
+      encoded_.push_back(std::move(bytes));
+    } else {
+      lock.unlock();
+      auto result = store();  // nobody adds or drops while storing_
+      lock.lock();
+      outcome_ = std::move(result);
+      storing_ = false;
+    }
+    busy_ = false;
     changed_.notify_all();
   }
 }
 
 Result<std::vector<StoredFrame>> FrameStore::store() const {
   std::vector<StoredFrame> stored;
-  for (const TakenFrame& taken : frames_) {
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    const TakenFrame& taken = frames_[i];
+    const Encoded& bytes = encoded_[i];
     const std::filesystem::path path = folder_.root / taken.file;
-    const auto bytes = encode_frame(taken.frame, sensor_, {taken.file, taken.role});
     if (!bytes) return tl::unexpected(with_context("store " + taken.file, bytes.error()));
     if (auto made = make_folder(path.parent_path()); !made) return tl::unexpected(made.error());
     if (auto written = write_durably(path, *bytes); !written) {

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <condition_variable>
+#include <cstddef>
+#include <deque>
 #include <mutex>
 #include <optional>
 #include <stop_token>
@@ -22,9 +24,11 @@ struct TakenFrame {
   std::string taken_at;  ///< UTC, ISO 8601
 };
 
-/// Stores the frames of one shot at a time on a thread of its own, so that storing overlaps the
-/// next move. A shot whose storing failed stays in hand until it is stored: nothing taken is lost
-/// to a full disk. Destroying it ends the thread, after the shot in hand.
+/// Stores the frames of one shot at a time on a thread of its own. A frame is encoded while the
+/// next one is exposed; the disk sees none of it before the shot is whole and begin() says so, and
+/// then storing overlaps the next move. A shot whose storing failed stays in hand until it is
+/// stored: nothing taken is lost to a full disk. Destroying it ends the thread, after the shot in
+/// hand.
 class FrameStore {
  public:
   FrameStore(SessionFolder folder, SensorModel sensor);
@@ -32,20 +36,24 @@ class FrameStore {
   FrameStore(const FrameStore&) = delete;
   FrameStore& operator=(const FrameStore&) = delete;
 
-  /// Begins to store these frames. The one before must have been collected.
-  void begin(std::vector<TakenFrame> frames);
+  /// Hands over a frame of the shot being taken. The shot before must have been collected.
+  void add(TakenFrame frame);
+  /// The shot being taken is thrown away.
+  void drop();
 
-  /// Frames are in hand: being stored, or waiting to be tried again.
-  bool busy() const;
+  /// The shot is whole: begins to store its frames.
+  void begin();
 
   /// Waits until the frames are stored; what they are now called. Errors: those of write_durably,
   /// or stopped; the frames then stay in hand, and collecting again tries again.
   Result<std::vector<StoredFrame>> collect(const std::stop_token& stop);
 
   /// The frames in hand, for previews; valid between begin() and a successful collect().
-  const std::vector<TakenFrame>& in_hand() const { return frames_; }
+  const std::deque<TakenFrame>& in_hand() const { return frames_; }
 
  private:
+  using Encoded = Result<std::vector<std::byte>>;
+
   void run(const std::stop_token& stop);
   Result<std::vector<StoredFrame>> store() const;
 
@@ -53,7 +61,11 @@ class FrameStore {
   SensorModel sensor_;
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
-  std::vector<TakenFrame> frames_;  ///< written by begin() and collect() while not storing_
+  // Added to by add(), cleared while the thread is idle: it reads elements without the lock, which
+  // a deque does not move.
+  std::deque<TakenFrame> frames_;
+  std::deque<Encoded> encoded_;  ///< of the first of them; written by the thread
+  bool busy_ = false;            ///< the thread is at an element
   bool storing_ = false;
   std::optional<Result<std::vector<StoredFrame>>> outcome_;
   std::jthread thread_;  ///< last: it uses all of the above

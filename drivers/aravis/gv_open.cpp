@@ -251,6 +251,8 @@ Result<void> GvSession::configure_witnesses() {
       latch_command_ = command;
       latch_value_ = value;
     }
+  has_temperature_ =
+      rig_.pause.camera_temperature && has_feature(camera_.get(), "DeviceTemperature");
   return {};
 }
 

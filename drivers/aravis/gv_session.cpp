@@ -232,6 +232,13 @@ Result<Frame> GvSession::expose(double seconds, const std::stop_token& stop) {
     if (auto anew = create_stream(); !anew) return tl::unexpected(anew.error());
   drop_stale_buffers();
   Result<Frame> frame = take(*applied, stop);
+  if (frame && has_temperature_) {
+    GError* error = nullptr;
+    const double celsius = arv_camera_get_float(camera_.get(), "DeviceTemperature", &error);
+    // What cannot be read is not known; the frame is whole all the same.
+    counters_.temperature_c = error ? std::optional<double>() : std::optional(celsius);
+    g_clear_error(&error);
+  }
   if (frame)
     ++counters_.frames;
   else if (frame.error().code != ErrorCode::stopped)

@@ -71,6 +71,7 @@ class GvSession {
   bool nothing_came_ = false;    ///< the last exposure's wait ended without any buffer
   GRef<ArvChunkParser> chunks_;  ///< null where the model says nothing of a frame's exposure
   std::string latch_command_, latch_value_;  ///< "" where the model's clock cannot be read
+  bool has_temperature_ = false;             ///< watched, and the camera can tell
   bool check_latch_ = false;                 ///< the clock is still to be compared with a frame
   std::uint64_t triggered_at_ = 0;           ///< [ns] of the camera's clock, just before
   // Many cameras count frames anew from every start; ours only ever grows, so that a frame is known

@@ -33,7 +33,13 @@ class ModbusLampDevice final : public Lamp {
     auto words = bus_->read(config_.unit, table(), address(), 1, until);
     if (!words) return tl::unexpected(with_context("read the lamp", words.error()));
     const double full = config_.coil ? 1.0 : config_.full_scale;
-    return LampState{words->front() / full, true, std::nullopt};
+    LampState state{words->front() / full, true, std::nullopt};
+    if (config_.temperature) {
+      auto count = bus_->read(config_.unit, RegisterTable::holding, *config_.temperature, 1, until);
+      if (!count) return tl::unexpected(with_context("read the lamp's temperature", count.error()));
+      state.temperature_c = static_cast<std::int16_t>(count->front()) * config_.degrees_per_count;
+    }
+    return state;
   }
 
  private:

@@ -104,6 +104,7 @@ void CameraRegisters::fill_features() {
   set_word(reg_acquisition_mode, continuous_mode);
   set_number(reg_exposure_time, std::clamp(0.01, body_.min_exposure, body_.max_exposure) * 1e6);
   set_number(reg_frame_rate, 10);
+  set_number(reg_temperature, 25);
 }
 
 std::uint32_t CameraRegisters::word(std::uint32_t address) const {

@@ -58,6 +58,7 @@ enum Register : std::uint32_t {
   reg_exposure_time = 0xa080,  ///< [us], double
   reg_gain = 0xa088,           ///< [dB], double
   reg_frame_rate = 0xa090,     ///< [Hz], double
+  reg_temperature = 0xa098,    ///< [°C], double
   reg_genicam = 0x100000,
 };
 

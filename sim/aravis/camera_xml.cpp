@@ -60,14 +60,14 @@ std::string command(std::string_view name, std::uint32_t address, std::uint32_t 
 }
 
 std::string number(std::string_view name, std::uint32_t address, std::string_view unit,
-                   double least, double most) {
+                   double least, double most, std::string_view access = "RW") {
   return fmt::format(
       "<Float Name=\"{0}\" NameSpace=\"Standard\"><pValue>{0}Reg</pValue><Min>{1}</Min>"
       "<Max>{2}</Max><Unit>{3}</Unit></Float>\n"
       "<FloatReg Name=\"{0}Reg\" NameSpace=\"Custom\"><Address>{4:#x}</Address><Length>8</Length>"
-      "<AccessMode>RW</AccessMode><pPort>Device</pPort><Cachable>NoCache</Cachable>"
+      "<AccessMode>{5}</AccessMode><pPort>Device</pPort><Cachable>NoCache</Cachable>"
       "<Endianess>BigEndian</Endianess></FloatReg>\n",
-      name, least, most, unit, address);
+      name, least, most, unit, address, access);
 }
 
 struct Entry {
@@ -92,9 +92,11 @@ std::string choice(std::string_view name, std::uint32_t address,
 }
 
 std::string device_control() {
-  return category("DeviceControl", {"DeviceVendorName", "DeviceModelName", "DeviceVersion",
-                                    "DeviceManufacturerInfo", "DeviceID", "DeviceSerialNumber",
-                                    "DeviceReset", "TimestampLatch", "TimestampLatchValue"}) +
+  return category("DeviceControl",
+                  {"DeviceVendorName", "DeviceModelName", "DeviceVersion", "DeviceManufacturerInfo",
+                   "DeviceID", "DeviceSerialNumber", "DeviceReset", "TimestampLatch",
+                   "TimestampLatchValue", "DeviceTemperature"}) +
+         number("DeviceTemperature", reg_temperature, "C", -40, 125, "RO") +
          text_register("DeviceVendorName", 0x48, 32) + text_register("DeviceModelName", 0x68, 32) +
          text_register("DeviceVersion", 0x88, 32) +
          text_register("DeviceManufacturerInfo", 0xa8, 48) + text_register("DeviceID", 0xd8, 16) +

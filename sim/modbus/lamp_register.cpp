@@ -12,6 +12,10 @@ bool LampRegister::is_mine(RegisterTable table, int address) const {
 
 // What the lamp does, not what was written: a lease that ran out reads 0.
 std::optional<std::uint16_t> LampRegister::read(RegisterTable table, int address) const {
+  if (config_.temperature && table == RegisterTable::holding && address == *config_.temperature) {
+    const double counts = world_->lamp_temperature() / config_.degrees_per_count;
+    return static_cast<std::uint16_t>(static_cast<std::int16_t>(std::lround(counts)));
+  }
   if (!is_mine(table, address)) return std::nullopt;
   return static_cast<std::uint16_t>(std::lround(world_->lamp_power() * full()));
 }

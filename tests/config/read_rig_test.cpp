@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
 #include <numbers>
+#include <sstream>
 #include <string>
 
 #include "core/builtin_materials.h"
@@ -19,6 +21,13 @@ constexpr double degree = std::numbers::pi / 180;
 
 fs::path shipped(const std::string& name) {
   return fs::path(lightrig::test::source_dir) / "config" / name;
+}
+
+std::string text_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
 }
 
 Rig rig_of(const std::string& name) {
@@ -56,6 +65,40 @@ TEST(ReadRig, OpensTheDemosHardwareByNameAndNothingElse) {
   EXPECT_EQ(gantry.controller.name, "generic Modbus drive");
   EXPECT_EQ(std::get<GantryLamp>(rig.lamp.backend).output, "lamp");
   EXPECT_EQ(std::get<AravisCamera>(rig.camera.backend).id, "192.168.10.30");
+}
+
+// The conditions in SI: shares, seconds; what is not named is not watched.
+TEST(ReadRig, TakesTheConditionsThatPauseASessionAsTheyAreNamed) {
+  std::string text = text_of(shipped("demo.toml"));
+  EXPECT_FALSE(rig_of("demo.toml").pause.packet_loss);
+  text += R"(
+[pause.packet_loss]
+pause_above_per_frame = 2
+resume_below_per_frame = 0.25
+resume_by_itself = true
+
+[pause.lamp_drift]
+pause_above_percent = 3
+resume_below_percent = 1
+recheck_minutes = 2
+
+[pause.camera_temperature]
+pause_above_c = 60
+resume_below_c = 50
+)";
+  const Read<Rig> read = read_rig_text(text, shipped("demo.toml"));
+  EXPECT_EQ(to_text(read.diagnostics), "");
+  ASSERT_TRUE(read.value);
+  const PauseConditions& pause = read.value->pause;
+  EXPECT_DOUBLE_EQ(pause.packet_loss->rule.resume_below, 0.25);
+  EXPECT_TRUE(pause.packet_loss->rule.resume_by_itself);
+  EXPECT_EQ(pause.packet_loss->over_frames, 20);
+  EXPECT_DOUBLE_EQ(pause.lamp_drift->rule.pause_above, 0.03);
+  EXPECT_EQ(pause.lamp_drift->every_lights, 5);
+  EXPECT_DOUBLE_EQ(pause.lamp_drift->recheck, 120);
+  EXPECT_FALSE(pause.lamp_drift->rule.resume_by_itself);
+  EXPECT_DOUBLE_EQ(pause.camera_temperature->pause_above, 60);
+  EXPECT_FALSE(pause.lamp_temperature);
 }
 
 // What `lightrig simulate` hosts is the demo's rig behind other wires: nothing but the gantry, the

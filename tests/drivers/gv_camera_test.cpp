@@ -37,6 +37,21 @@ TEST_F(GvCamera, ShowsTheWorldAsTheInMemoryCameraDoesCountByCount) {
   }
 }
 
+TEST_F(GvCamera, TellsItsTemperatureWhereItIsWatchedAndAsksForItOnlyThen) {
+  Rig watched = rig_;
+  watched.pause.camera_temperature = PauseRule{60, 50, false};
+  for (const Rig& rig : {rig_, watched}) {
+    auto camera = open_camera(rig, backend(), clock_);
+    ASSERT_TRUE(camera) << camera.error().message;
+    ASSERT_TRUE((*camera)->expose(0.002, soon(10)));
+    const auto celsius = (*camera)->counters().temperature_c;
+    EXPECT_EQ(celsius.has_value(), rig.pause.camera_temperature.has_value());
+    if (celsius) {
+      EXPECT_DOUBLE_EQ(*celsius, 25);
+    }
+  }
+}
+
 TEST_F(GvCamera, ExposesForAsLongAsItWasTold) {
   auto camera = open();
   ASSERT_TRUE(camera) << camera.error().message;

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <thread>
 
+#include "drivers/make_safe.h"
 #include "tests/drivers/own_network.h"
 #include "tests/drivers/wire_rig.h"
 
@@ -54,6 +55,76 @@ class ModbusWire : public testing::TestWithParam<Wire> {
   std::shared_ptr<sim::World> world_;
   std::vector<sim::HostedWire> hosted_;
 };
+
+TEST_P(ModbusWire, ALampOfItsOwnUnitIsDimmedReadBackAndTellsItsTemperature) {
+  if (GetParam() != Wire::tcp) GTEST_SKIP() << "one wire is enough: the registers are the same";
+  ModbusLamp lamp;
+  lamp.endpoint = TcpEndpoint{"127.0.0.1", 1503};
+  lamp.holding = 0x20;
+  lamp.full_scale = 1000;
+  lamp.temperature = 0x21;
+  lamp.degrees_per_count = 0.1;
+  rig_.lamp.backend = lamp;
+  auto wires = sim::host_wire(rig_, lamp, world_);
+  ASSERT_TRUE(wires) << wires.error().message;
+  auto opened = open_lamp(rig_, lamp, clock_);
+  ASSERT_TRUE(opened) << opened.error().message;
+  for (const double celsius : {47.3, -12.5}) {  // below zero the count is negative
+    world_->set_temperatures(celsius, 25);
+    ASSERT_TRUE((*opened)->set(0.4, soon(2s)));
+    const auto state = (*opened)->state(soon(2s));
+    ASSERT_TRUE(state) << state.error().message;
+    EXPECT_DOUBLE_EQ(state->power, 0.4);
+    EXPECT_DOUBLE_EQ(world_->lamp_power(), 0.4);
+    EXPECT_NEAR(state->temperature_c.value(), celsius, 1e-9);
+  }
+  opened->reset();
+  EXPECT_EQ(world_->lamp_power(), 0);
+}
+
+// What systemd runs once the service has died: nobody is left who holds the lamp's lease or the
+// motion.
+TEST_P(ModbusWire, IsMadeSafeAfterItsProgramDiedWithTheLampLitAndTheArmMoving) {
+  hosted_.clear();
+  for (Axis& axis : rig_.gantry.model.axes)
+    axis.max_speed = 0.2;  // the way home takes half a minute
+  world_ = test::world_of(rig_, clock_);
+  auto hosted = sim::host_wire(rig_, backend_, world_);
+  ASSERT_TRUE(hosted) << hosted.error().message;
+  hosted_ = std::move(*hosted);
+  ASSERT_TRUE(world_->start_homing());
+  ASSERT_TRUE(world_->set_lamp(0.5));
+  ASSERT_FALSE(world_->gantry_status().at_rest);
+  const auto safe = make_safe(rig_, clock_);
+  ASSERT_TRUE(safe) << safe.error().message;
+  EXPECT_EQ(world_->lamp_power(), 0);
+  for (int i = 0; i < 200 && !world_->gantry_status().at_rest; ++i)
+    std::this_thread::sleep_for(10ms);
+  EXPECT_TRUE(world_->gantry_status().at_rest);
+  EXPECT_FALSE(world_->gantry_status().homed) << "it was stopped on the way, not left to arrive";
+}
+
+TEST_P(ModbusWire, ALampOfItsOwnWireIsMadeDarkThoughTheGantryIsGoneAndIsSaidToBeOnWhereItIsGone) {
+  if (GetParam() != Wire::tcp) GTEST_SKIP() << "one wire is enough: the lamp's is another";
+  ModbusLamp lamp;
+  lamp.endpoint = TcpEndpoint{"127.0.0.1", 1503};
+  lamp.coil = 3;
+  rig_.lamp.backend = lamp;
+  auto wire = sim::host_wire(rig_, lamp, world_);
+  ASSERT_TRUE(wire) << wire.error().message;
+  hosted_.clear();
+  ASSERT_TRUE(world_->set_lamp(0.5));
+  auto safe = make_safe(rig_, clock_);
+  ASSERT_FALSE(safe);
+  EXPECT_EQ(world_->lamp_power(), 0);
+  EXPECT_NE(safe.error().message.find("the lamp is dark, the gantry may be moving"),
+            std::string::npos)
+      << safe.error().message;
+  wire->clear();
+  safe = make_safe(rig_, clock_);
+  ASSERT_FALSE(safe);
+  EXPECT_NE(safe.error().message.find("LAMP MAY BE ON"), std::string::npos) << safe.error().message;
+}
 
 TEST_P(ModbusWire, HomesMovesAndReadsItsPositionBack) {
   auto opened = open();
