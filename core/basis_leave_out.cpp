@@ -6,17 +6,10 @@
 
 #include "core/basis_training.h"
 #include "core/check.h"
+#include "core/leave_out_trials.h"
 
 namespace lightrig {
 namespace {
-
-/// One fold: the basis of the materials that stay, and the held-out ones in its coordinates.
-struct Fold {
-  std::vector<Eigen::Index> in, out;  ///< columns
-  GramSpectrum spectrum;              ///< (k)
-  Eigen::MatrixXd c;                  ///< (k × out) true coefficients of the held-out columns
-  Eigen::VectorXd residual2;          ///< (out) squared norm of what no coefficient can say
-};
 
 /// Inner products after the mean of the training columns is taken from both sides.
 struct CentredGram {
@@ -119,107 +112,9 @@ std::vector<Eigen::Index> rows_of_lights(const BrdfBasis& basis, int lights, int
   return rows;
 }
 
-/// One simulated fit of every held-out material of a fold.
-struct Trial {
-  double ln_ratio = 0;  ///< ln(true error / expected error), norms over grid and channels
-  double surprise = 0;  ///< ½ ln(‖c/s‖² / its expectation)
-};
-
-/// MAP for any sigma at the cost of one eigenproblem: with B = G S² Gᵀ = Q D Qᵀ the estimate is
-/// S² Gᵀ Q (D + σ²)⁻¹ Qᵀ y.
-class FoldFits {
- public:
-  FoldFits(const Fold& fold, const Training& training, const std::vector<Eigen::Index>& rows,
-           const Eigen::VectorXd& stddev)
-      : fold_(fold), stddev_(stddev) {
-    Eigen::MatrixXd inside = training.X(rows, fold.in);
-    const Eigen::VectorXd mean = inside.rowwise().mean();
-    inside.colwise() -= mean;
-    const Eigen::MatrixXd scale =
-        fold.spectrum.U *
-        fold.spectrum.lambda.cwiseSqrt().cwiseInverse().cwiseProduct(stddev).asDiagonal();
-    GS_ = inside * scale;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(GS_ * GS_.transpose());
-    d_ = solver.eigenvalues().cwiseMax(0.0);
-    QtGS_ = solver.eigenvectors().transpose() * GS_;
-    Eigen::MatrixXd y = training.X(rows, fold.out);
-    y.colwise() -= mean;
-    Qty_ = solver.eigenvectors().transpose() * y;
-  }
-
-  Eigen::MatrixXd estimate(double row_variance) const {  // z = c/s, (k × out)
-    return QtGS_.transpose() * ((d_.array() + row_variance).inverse().matrix().asDiagonal() * Qty_);
-  }
-  /// Diagonal of the posterior covariance of z.
-  Eigen::VectorXd variance(double row_variance) const {
-    const Eigen::MatrixXd half =
-        (d_.array() + row_variance).sqrt().inverse().matrix().asDiagonal() * QtGS_;
-    return (1 - half.colwise().squaredNorm().transpose().array()).max(0.0);
-  }
-  const Fold& fold() const { return fold_; }
-  const Eigen::VectorXd& stddev() const { return stddev_; }
-
- private:
-  const Fold& fold_;
-  Eigen::VectorXd stddev_;
-  Eigen::MatrixXd GS_, QtGS_, Qty_;
-  Eigen::VectorXd d_;
-};
-
 double mean_error(const FoldFits& fits, double row_variance) {
   const Eigen::MatrixXd c = fits.stddev().asDiagonal() * fits.estimate(row_variance);
   return (c - fits.fold().c).colwise().norm().mean();
-}
-
-/// Trials of one fold, the channels of a material together.
-std::vector<Trial> trials(const FoldFits& fits, const Training& training, double row_variance,
-                          double unsaid2) {
-  const Fold& fold = fits.fold();
-  const Eigen::MatrixXd z = fits.estimate(row_variance);
-  const Eigen::VectorXd var = fits.variance(row_variance);
-  const Eigen::VectorXd s2 = fits.stddev().cwiseAbs2();
-  const double expected2 = s2.dot(var) + unsaid2;
-  const double freedom = static_cast<double>(var.size()) - var.sum();
-  std::vector<Trial> out;
-  for (std::size_t j = 0; j < fold.out.size();) {
-    const int material = training.material_of[static_cast<std::size_t>(fold.out[j])];
-    double error2 = 0, z2 = 0;
-    int columns = 0;
-    for (; j < fold.out.size() &&
-           training.material_of[static_cast<std::size_t>(fold.out[j])] == material;
-         ++j, ++columns) {
-      const auto column = static_cast<Eigen::Index>(j);
-      const Eigen::VectorXd c = fits.stddev().cwiseProduct(z.col(column));
-      error2 += (c - fold.c.col(column)).squaredNorm() + fold.residual2[column];
-      z2 += z.col(column).squaredNorm();
-    }
-    const double tiny = std::numeric_limits<double>::min();
-    out.push_back({0.5 * std::log(std::max(error2, tiny) / std::max(columns * expected2, tiny)),
-                   0.5 * std::log(std::max(z2, tiny) / std::max(columns * freedom, tiny))});
-  }
-  return out;
-}
-
-/// Least squares of ln_ratio on surprise, and what scatter remains.
-ErrorCalibration regress(const std::vector<Trial>& all) {
-  const auto n = static_cast<double>(all.size());
-  double x = 0, y = 0, xx = 0, xy = 0, yy = 0;
-  for (const Trial& t : all) {
-    x += t.surprise / n;
-    y += t.ln_ratio / n;
-    xx += t.surprise * t.surprise / n;
-    xy += t.surprise * t.ln_ratio / n;
-    yy += t.ln_ratio * t.ln_ratio / n;
-  }
-  ErrorCalibration calibration;
-  const double variance = xx - x * x;
-  calibration.slope = variance > 1e-12 ? std::clamp((xy - x * y) / variance, 0.0, 1.5) : 0;
-  calibration.offset = y - calibration.slope * x;
-  calibration.typical_surprise = x;
-  const double left = yy - y * y - 2 * calibration.slope * (xy - x * y) +
-                      calibration.slope * calibration.slope * variance;
-  calibration.spread = std::sqrt(std::max(left, 1e-4));
-  return calibration;
 }
 
 }  // namespace
@@ -273,7 +168,18 @@ LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
         trials(fits[i], training, out.model_sigma * out.model_sigma / step_of[i], unsaid2);
     pooled.insert(pooled.end(), some.begin(), some.end());
   }
-  out.calibration = regress(pooled);
+  std::vector<Trial> pooled_clipped;
+  constexpr std::array<Scene, 2> clipped_scenes = {Scene{2, 2}, Scene{8, 8}};
+  for (const Scene& scene : clipped_scenes) {
+    const std::vector<Eigen::Index> rows = rows_of_lights(basis, scene.lights, scene.step);
+    for (const Fold& fold : all) {
+      const FoldFits fit(fold, training, rows, resampled(out.stddev, fold.c.rows()));
+      const std::vector<Trial> some =
+          clipped_trials(basis, fit, training, rows, out.model_sigma, scene.step, unsaid2);
+      pooled_clipped.insert(pooled_clipped.end(), some.begin(), some.end());
+    }
+  }
+  out.calibration = calibrated(pooled, pooled_clipped);
   return out;
 }
 

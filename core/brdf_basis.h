@@ -38,13 +38,24 @@ enum class ChannelLayout : std::uint8_t {
             ///< same basis
 };
 
+/// Where nine in ten of what remains lies, in ln units; 5 % fall below, 5 % above. Empty: unknown.
+struct ErrorBand {
+  double low = 0, high = 0;
+};
+
 /// From the error that a posterior expects to the error that unseen materials had, found by leaving
-/// materials out: ln(true/expected) ≈ offset + slope · surprise, where surprise = ½ ln(‖c/s‖²/its
-/// expectation) says how unlike the training set the fitted material is.
+/// materials out: ln(true/expected) ≈ offset + slope · surprise + shift · censored, where surprise
+/// = ½ ln(‖c/s‖²/its expectation) says how unlike the training set the fitted material is, and
+/// censored is the share of rows known only to lie beyond a level. The band is of quantiles, not of
+/// deviations: what remains is skewed, and wider where rows are censored.
 struct ErrorCalibration {
   double slope = 0, offset = 0;
   double typical_surprise = 0;  ///< mean over held-out materials: stands in before any measurement
-  double spread = 0.4;          ///< standard deviation of what remains, in ln units
+  double spread = 0.4;          ///< standard deviation of what remains without censoring, ln units
+  ErrorBand exact;              ///< no row censored; where unknown, ±1.645 spread
+  double censored_shift = 0;
+  double censored_share = 0;  ///< [0, 1] mean of the fits that `censored` was found from; 0: none
+  ErrorBand censored;         ///< at that share
 };
 
 /// Statistics of a set of materials: mean and principal components of the mapped values.

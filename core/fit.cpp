@@ -145,7 +145,7 @@ Coefficients fit(const BrdfBasis& basis, std::span<const BrdfObservations> light
     const DesignRows d = design_rows(basis, rows, column, last, map && options.use_censored);
     Posterior p = map ? fit_map(d, basis.stddev, sigma, options.outlier_sigma)
                       : fit_pseudo_inverse(d, basis.stddev, sigma);
-    if (map) {
+    if (map && options.find_rank) {
       // Channels mostly see the same cells: one decomposition serves them all.
       const bool same = d.G.rows() == ranked.rows() && d.G == ranked;
       p.rank = same ? rank : rank_of(d);

@@ -19,6 +19,7 @@ struct FitOptions {
   double model_sigma = 0;  ///< mapped units; 0 takes the basis'
   bool use_censored = true;
   double outlier_sigma = 0;  ///< > 0: Huber weight on residuals beyond it (map)
+  bool find_rank = true;     ///< false leaves Coefficients::rank of MAP 0 and saves its QR
 };
 
 /// Coefficients of the basis with their uncertainty.
@@ -59,19 +60,27 @@ Reconstruction reconstruct(const BrdfBasis& basis, const Coefficients& coefficie
 double predicted_error_percent(const BrdfBasis& basis, std::span<const Eigen::MatrixXd> covariance,
                                const Eigen::MatrixXd& c);
 
-/// What the calibration looks at, summed over the columns of c.
+/// What the calibration looks at, summed over the columns of c where it is a sum.
 struct PosteriorSize {
   Eigen::Index columns = 1;
-  double trace = 0;    ///< of the covariance
-  double freedom = 0;  ///< k − tr(Σ S⁻²): coefficients that the rows determined
-  double z2 = 0;       ///< ‖c/s‖²; 0 before any measurement
+  double trace = 0;     ///< of the covariance
+  double freedom = 0;   ///< k − tr(Σ S⁻²): coefficients that the rows determined
+  double z2 = 0;        ///< ‖c/s‖²; 0 before any measurement
+  double censored = 0;  ///< [0, 1] share of the rows that are bounds
 };
 PosteriorSize posterior_size(const BrdfBasis& basis, std::span<const Eigen::MatrixXd> covariance,
                              const Eigen::MatrixXd& c);
+PosteriorSize posterior_size(const BrdfBasis& basis, const Coefficients& fitted);
 
 /// Factor from the error that a posterior expects to the error that unseen materials had under like
 /// posteriors [ErrorCalibration]; 1 before any row is known.
 double calibration_factor(const BrdfBasis& basis, const PosteriorSize& size);
+
+/// Factors from a predicted error to the ends of its 90 % interval.
+struct ErrorInterval {
+  double low = 1, high = 1;
+};
+ErrorInterval error_interval(const BrdfBasis& basis, const PosteriorSize& size);
 
 /// predicted_error_percent() of a plain logarithm from the sizes alone; ln2 = ‖ln f̂‖² over the
 /// valid grid and `channels`. Where V covers one channel (columns) or all (stacked).

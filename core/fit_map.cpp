@@ -64,6 +64,19 @@ bool plainly_gaussian(const DesignRows& rows, double outlier_sigma) {
   return true;
 }
 
+/// Rows whose working weight never changes, and the others.
+struct RowParts {
+  std::vector<Eigen::Index> settled, changing;
+};
+RowParts parts_of(const DesignRows& rows, double outlier_sigma) {
+  RowParts parts;
+  for (std::size_t i = 0; i < rows.kind.size(); ++i) {
+    const bool fixed = rows.kind[i] == Kind::value && outlier_sigma <= 0;
+    (fixed ? parts.settled : parts.changing).push_back(static_cast<Eigen::Index>(i));
+  }
+  return parts;
+}
+
 }  // namespace
 
 LogNormalCdf log_normal_cdf(double t) {
@@ -91,12 +104,17 @@ Posterior fit_map(const DesignRows& rows, const Eigen::VectorXd& stddev, double 
   const bool single = plainly_gaussian(rows, outlier_sigma);
   Posterior out;
   out.c = Eigen::VectorXd::Zero(stddev.size());
-  Eigen::VectorXd predicted = Eigen::VectorXd::Zero(rows.G.rows());
+  const Eigen::VectorXd predicted = Eigen::VectorXd::Zero(rows.G.rows());
   Quadratic q = quadratic_at(rows, predicted, sigma, outlier_sigma);
   double objective = q.objective;
+  // Value rows keep their weight: they are summed up once, not in every step.
+  const RowParts parts = parts_of(rows, outlier_sigma);
+  const MapSolver settled(rows.G(parts.settled, Eigen::all), q.variance(parts.settled), stddev);
+  const Eigen::MatrixXd changing_G = rows.G(parts.changing, Eigen::all);
   for (out.iterations = 1;; ++out.iterations) {
-    const MapSolver solver(rows.G, q.variance, stddev);
-    const Eigen::VectorXd goal = solver.solve(q.target);
+    const MapSolver solver(settled, changing_G, q.variance(parts.changing));
+    const Eigen::VectorXd goal =
+        solver.solve_with(settled, q.target(parts.settled), q.target(parts.changing));
     const Eigen::VectorXd step = goal - out.c;
     const double before = objective;
     // Halve until the objective does not rise; a convex problem needs few halvings.

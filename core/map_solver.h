@@ -15,6 +15,14 @@ class MapSolver {
   MapSolver(const Eigen::MatrixXd& G, const Eigen::VectorXd& row_variance,
             const Eigen::VectorXd& stddev);
 
+  /// The same with rows (fixed) that were factored before: their information is taken over, and
+  /// solve_with() adds what they say.
+  MapSolver(const MapSolver& fixed, const Eigen::MatrixXd& G, const Eigen::VectorXd& row_variance);
+  /// Posterior mean (k) for the residuals y of the rows of this constructor, and y_fixed of those
+  /// of `fixed`.
+  Eigen::VectorXd solve_with(const MapSolver& fixed, const Eigen::VectorXd& y_fixed,
+                             const Eigen::VectorXd& y) const;
+
   /// Posterior means (k × n) for residuals y − G·0 of (rows × n).
   Eigen::MatrixXd solve(const Eigen::MatrixXd& y) const;
 
@@ -22,7 +30,9 @@ class MapSolver {
   Eigen::MatrixXd covariance() const;
 
  private:
+  void add_rows(const Eigen::MatrixXd& G, const Eigen::VectorXd& row_variance);
   Eigen::MatrixXd weighted_;  ///< (rows × k) W G S
+  Eigen::MatrixXd normal_;    ///< (k × k) SGᵀWGS + I, lower half
   Eigen::VectorXd stddev_;
   Eigen::LLT<Eigen::MatrixXd> llt_;
 };

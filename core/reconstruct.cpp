@@ -79,13 +79,33 @@ PosteriorSize posterior_size(const BrdfBasis& basis, std::span<const Eigen::Matr
   return size;
 }
 
+PosteriorSize posterior_size(const BrdfBasis& basis, const Coefficients& fitted) {
+  PosteriorSize size = posterior_size(basis, fitted.covariance, fitted.c);
+  const std::int64_t rows = fitted.rows_value + fitted.rows_censored;
+  if (rows > 0)
+    size.censored = static_cast<double>(fitted.rows_censored) / static_cast<double>(rows);
+  return size;
+}
+
+ErrorInterval error_interval(const BrdfBasis& basis, const PosteriorSize& size) {
+  const ErrorCalibration& k = basis.calibration;
+  const double usual = 1.6448536269514722 * k.spread;
+  const ErrorBand exact = k.exact.high > k.exact.low ? k.exact : ErrorBand{-usual, usual};
+  const double known = k.censored_share > 0 ? k.censored_share : 1;
+  // Beyond what was tried the band widens on, but not for ever.
+  const double u = k.censored_share > 0 ? std::min(size.censored / known, 2.0) : 0;
+  return {std::exp(exact.low + u * (k.censored.low - exact.low)),
+          std::exp(exact.high + u * (k.censored.high - exact.high))};
+}
+
 double calibration_factor(const BrdfBasis& basis, const PosteriorSize& size) {
   const double prior = basis.stddev.squaredNorm() * static_cast<double>(size.columns);
   const double learnt = std::clamp(1 - size.trace / prior, 0.0, 1.0);
   const ErrorCalibration& k = basis.calibration;
   const bool measured = size.z2 > 0 && size.freedom > 1e-9;
   const double surprise = measured ? 0.5 * std::log(size.z2 / size.freedom) : k.typical_surprise;
-  return std::exp(learnt * (k.offset + k.slope * surprise));
+  const double shift = k.censored_shift * std::min(size.censored, 2 * k.censored_share);
+  return std::exp(learnt * (k.offset + k.slope * surprise + shift));
 }
 
 double predicted_error_percent(const BrdfBasis& basis, const PosteriorSize& size, double ln2,
@@ -104,13 +124,12 @@ Reconstruction reconstruct(const BrdfBasis& basis, const Coefficients& coefficie
   Reconstruction out;
   out.brdf = evaluate(basis, coefficients.c, &out.clipped_cells);
   out.log_stddev = stddev_of(basis, coefficients.covariance, out.brdf.f.cols());
-  out.log_stddev *=
-      calibration_factor(basis, posterior_size(basis, coefficients.covariance, coefficients.c));
+  const PosteriorSize size = posterior_size(basis, coefficients);
+  out.log_stddev *= calibration_factor(basis, size);
   out.predicted_error_percent = log_norms(basis, out.brdf, out.log_stddev).percent();
-  // True over expected error is close to log-normal over materials.
-  const double factor = std::exp(1.6448536269514722 * basis.calibration.spread);
-  out.predicted_low_percent = out.predicted_error_percent / factor;
-  out.predicted_high_percent = out.predicted_error_percent * factor;
+  const ErrorInterval interval = error_interval(basis, size);
+  out.predicted_low_percent = out.predicted_error_percent * interval.low;
+  out.predicted_high_percent = out.predicted_error_percent * interval.high;
   return out;
 }
 
