@@ -45,6 +45,40 @@ TEST(KnownMaterial, ComesBackFromTheFolderAlone) {
   ASSERT_TRUE(seal_session(*folder));
 }
 
+struct Stop {
+  const char* name;
+  const char* rule;    // the line of [stop]
+  const char* reason;  // what the journal is to say
+};
+class StopRuleOf : public testing::TestWithParam<Stop> {};
+
+// Eight lights are planned, and either rule is met long before they are taken.
+TEST_P(StopRuleOf, EndsTheSessionEarlyAndTheFolderSaysWhy) {
+  const Scratch scratch;
+  const Rig rig = small_rig(
+      scratch.path(), {{"max_lights = 3", "max_lights = 8"},
+                       {"[session]", fmt::format("[stop]\n{}\n\n[session]", GetParam().rule)}});
+  const auto prepared = prepare(rig, spec_of(rig));
+  ASSERT_TRUE(prepared) << prepared.error().message;
+  const auto folder = create_session(rig, spec_of(rig), *prepared, "s");
+  ASSERT_TRUE(folder);
+  Laboratory laboratory(rig);
+  SessionControl control;
+  const SessionEnd end = capture(*folder, rig, spec_of(rig), *prepared, laboratory.devices,
+                                 *laboratory.clock, control, {}, laboratory.reopen());
+  fmt::print("{}\n", end.reason);
+  EXPECT_EQ(end.outcome, SessionOutcome::stopped_early) << end.reason;
+  EXPECT_THAT(end.reason, HasSubstr(GetParam().reason));
+  const std::size_t taken = read_session_folder(folder->root).value().shots.size();
+  EXPECT_GE(taken, 1U);
+  EXPECT_LT(taken, prepared->plan.shots.size());
+}
+INSTANTIATE_TEST_SUITE_P(
+    Rules, StopRuleOf,
+    testing::Values(Stop{"Error", "predicted_error_percent = 25", "has reached [stop]"},
+                    Stop{"Minutes", "minutes = 0.5", "[stop] minutes = 0.5 have passed"}),
+    [](const auto& rule) { return std::string(rule.param.name); });
+
 TEST(StopConfig, EndsTheSessionEarlyWhenEnoughLightsAreCaptured) {
   const Scratch scratch;
   const Rig rig = small_rig(scratch.path(), {{"[session]", "[stop]\nlights = 2\n\n[session]"}});
