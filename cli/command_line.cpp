@@ -376,7 +376,19 @@ void add_study_verb(Verbs& verbs) {
   verb->add_option("--meshes", options->meshes, "Folder of named meshes");
   verb->add_option("--materials", options->materials, "builtin, or a directory of MERL files")
       ->capture_default_str();
-  verb->add_option("--methods", options->methods, "Methods to compare; all where none is given");
+  verb->add_option("--methods", options->methods,
+                   "Methods to compare, by name or LIGHTS:POINTS:ESTIMATOR[:k=N][:exposures=N]; "
+                   "all named ones where none is given");
+  verb->add_option(
+      "--criterion", options->criteria,
+      "Axis: condition, a-optimal, random (over pixels; the axes' product is studied)");
+  verb->add_option("--estimator", options->estimators,
+                   "Axis: pseudo-inverse, map, map-stacked, map-ln-offset, map-log-relative");
+  verb->add_option("--k", options->component_counts, "Axis: numbers of components");
+  verb->add_option("--exposure-counts", options->exposure_counts,
+                   "Axis: exposures of a bracket, as --exposures");
+  verb->add_option("--rig", options->rig,
+                   "Rig file whose motion model predicts capture times; 12 s a light without");
   verb->add_option("--lights", options->lights, "Numbers of lights to report");
   verb->add_option("--splits", options->splits, "Splits into training and test")
       ->capture_default_str();

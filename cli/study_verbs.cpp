@@ -31,9 +31,13 @@ bool read_shard(const std::string& text, StudyOptions& options) {
 }
 
 void show(const StudyProgress& progress) {
+  constexpr int width = 24;
+  const int filled = progress.jobs_total > 0 ? width * progress.jobs_done / progress.jobs_total : 0;
+  std::string bar;
+  for (int i = 0; i < width; ++i) bar += i < filled ? "█" : "·";
   const std::string line =
-      fmt::format("{}/{} jobs  {} left  {}", progress.jobs_done, progress.jobs_total,
-                  duration(progress.remaining_s), progress.job);
+      fmt::format("{}{}/{} jobs  {} left  {}", on_terminal() ? bar + " " : "", progress.jobs_done,
+                  progress.jobs_total, duration(progress.remaining_s), progress.job);
   // Standard error: the table on standard output stays clean.
   std::fprintf(stderr, on_terminal() ? "\r\x1b[K%s" : "%s\n", line.c_str());
 }
@@ -58,6 +62,11 @@ int study(const StudyVerbOptions& typed) {
   options.materials = typed.materials;
   options.methods = typed.methods;
   options.lights = typed.lights;
+  options.criteria = typed.criteria;
+  options.estimators = typed.estimators;
+  options.component_counts = typed.component_counts;
+  options.exposure_counts = typed.exposure_counts;
+  options.rig = typed.rig;
   options.table1 = typed.table1;
   options.splits = typed.splits;
   options.random_runs = typed.random_runs;

@@ -138,9 +138,9 @@ int calibrate_target(const CalibrateOptions& options);
 int calibrate_white(const CalibrateOptions& options);
 
 struct StudyVerbOptions {
-  std::vector<std::string> objects{"sphere"}, methods;
-  std::vector<int> lights;
-  std::string meshes, materials = "builtin", output, shard;
+  std::vector<std::string> objects{"sphere"}, methods, criteria, estimators;
+  std::vector<int> lights, component_counts, exposure_counts;
+  std::string meshes, materials = "builtin", output, shard, rig;
   int splits = 10, random_runs = 6, candidates = 1000, components = 45, exposures = 0, threads = 0;
   double noise = 0, floor = 1e-4;
   std::uint64_t seed = 1;

@@ -38,7 +38,8 @@ Scale fit_scale(const StudyChart& chart, bool x_axis) {
     }
   }
   if (!(low <= high)) low = 1, high = 10;
-  if (!log) low = std::min(low, 0.0);
+  if (!log && (x_axis || chart.y_from_zero)) low = std::min(low, 0.0);
+  if (!log && !x_axis && !chart.y_from_zero) low -= 0.1 * (high - low);
   if (high <= low) high = log ? low * 10 : low + 1;
   if (log) low /= 1.1, high *= 1.1;
   if (!log) high += 0.04 * (high - low);
@@ -96,6 +97,9 @@ std::string series_svg(const StudySeries& s, const char* colour, const Scale& x,
     dots += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='{}' fill='{}' />", x(px), y(py),
                         s.markers_only ? 1.8 : 3.0, colour);
   }
+  if (s.dashed) {
+    return fmt::format("<path class=d d='{}' fill=none stroke-width=1.5 />", path);
+  }
   if (s.markers_only) return fmt::format("<g opacity=0.55>{}</g>", dots);
   return fmt::format("<path d='{}' fill=none stroke='{}' stroke-width=2 />{}", path, colour, dots);
 }
@@ -108,8 +112,11 @@ std::string to_svg(const StudyChart& chart) {
     x.low = y.low = std::min(x.low, y.low);
     x.high = y.high = std::max(x.high, y.high);
   }
-  std::string svg =
-      fmt::format("<svg viewBox='0 0 {} {}' role=img aria-label='{}'>", width, height, chart.title);
+  std::size_t longest = 0;
+  for (const StudySeries& one : chart.series) longest = std::max(longest, one.name.size());
+  const double legend = std::max(right, 36 + 7.0 * static_cast<double>(longest));  // [px]
+  std::string svg = fmt::format("<svg viewBox='0 0 {} {}' role=img aria-label='{}'>",
+                                width - right + legend, height, chart.title);
   svg += axes(chart, x, y);
   if (chart.diagonal) {
     svg += fmt::format("<line class=d x1='{:.1f}' y1='{:.1f}' x2='{:.1f}' y2='{:.1f}' />", x(x.low),
@@ -119,6 +126,13 @@ std::string to_svg(const StudyChart& chart) {
     const char* colour = colours[i % colours.size()];
     svg += series_svg(chart.series[i], colour, x, y);
     const double at = top + 8 + 18 * static_cast<double>(i);
+    if (chart.series[i].dashed) {
+      svg += fmt::format(
+          "<line class=d x1='{}' x2='{}' y1='{}' y2='{}' /><text x='{}' y='{}'>{}</text>",
+          width - right + 10, width - right + 26, at + 6, at + 6, width - right + 30, at + 10,
+          chart.series[i].name);
+      continue;
+    }
     svg += fmt::format(
         "<rect x='{}' y='{}' width=12 height=12 fill='{}' /><text x='{}' y='{}'>{}</text>",
         width - right + 12, at, colour, width - right + 30, at + 10, chart.series[i].name);

@@ -6,6 +6,7 @@
 #include <limits>
 #include <random>
 
+#include "core/azimuth_model.h"
 #include "core/fit.h"
 #include "core/map_solver.h"
 
@@ -16,16 +17,16 @@ constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 /// Mapped values of every test material and channel at some cells: (cells × 3·materials), column
 /// material · channels + channel.
-Eigen::MatrixXd observed(const StudySplit& split, const std::vector<std::int32_t>& cells) {
-  const LogMapping& mapping = split.whole.mapping;
-  const Eigen::Index channels = split.test.front().table.f.cols();
+Eigen::MatrixXd observed(const LogMapping& mapping, std::span<const Material> test,
+                         const std::vector<std::int32_t>& cells) {
+  const Eigen::Index channels = test.front().table.f.cols();
   Eigen::MatrixXd y(static_cast<Eigen::Index>(cells.size()),
-                    channels * static_cast<Eigen::Index>(split.test.size()));
-  for (std::size_t m = 0; m < split.test.size(); ++m) {
+                    channels * static_cast<Eigen::Index>(test.size()));
+  for (std::size_t m = 0; m < test.size(); ++m) {
     for (Eigen::Index channel = 0; channel < channels; ++channel) {
       for (std::size_t i = 0; i < cells.size(); ++i) {
         y(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(m) * channels + channel) =
-            map_value(mapping, cells[i], split.test[m].table.f(cells[i], channel));
+            map_value(mapping, cells[i], test[m].table.f(cells[i], channel));
       }
     }
   }
@@ -45,20 +46,25 @@ double ln2_of(const BrdfTable& table, double floor) {
   return sum;
 }
 
-MaterialResult with_prediction(const BrdfBasis& basis, const BrdfTable& estimate,
-                               const BrdfTable& truth, const PosteriorSize& size, double floor) {
+MaterialResult with_prediction(const BrdfBasis& basis, BrdfTable estimate, const BrdfTable& truth,
+                               const PosteriorSize& size, double floor) {
   MaterialResult out;
   out.error = brdf_error(estimate, truth, floor);
-  out.predicted = predicted_error_percent(basis, size, ln2_of(estimate, floor), estimate.f.cols());
-  const double factor = std::exp(1.6448536269514722 * basis.calibration.spread);
-  out.low = out.predicted / factor;
-  out.high = out.predicted * factor;
+  // From sizes alone a posterior tells the error of ln f only where it is one of ln f.
+  out.predicted =
+      basis.mapping.kind == Mapping::ln_floor
+          ? predicted_error_percent(basis, size, ln2_of(estimate, floor), estimate.f.cols())
+          : nan;
+  const ErrorInterval interval = error_interval(basis, size);
+  out.low = out.predicted * interval.low;
+  out.high = out.predicted * interval.high;
+  out.estimate = std::move(estimate);
   return out;
 }
 
 /// One clipped, noisy measurement of every channel and cell.
 BrdfObservations measure(const BrdfTable& truth, const std::vector<std::int32_t>& cells,
-                         const StudyOptions& options, bool keep_clipped, std::mt19937_64& random) {
+                         const MeasuredRows& options, bool keep_clipped, std::mt19937_64& random) {
   std::vector<double> values;
   for (const std::int32_t cell : cells) {
     for (Eigen::Index c = 0; c < truth.f.cols(); ++c) values.push_back(truth.f(cell, c));
@@ -94,12 +100,11 @@ BrdfObservations measure(const BrdfTable& truth, const std::vector<std::int32_t>
 
 }  // namespace
 
-std::vector<MaterialResult> estimate_paper(const StudySplit& split,
+std::vector<MaterialResult> estimate_paper(const BrdfBasis& basis, std::span<const Material> test,
                                            const std::vector<std::int32_t>& cells, double floor) {
-  const BrdfBasis& basis = split.paper;
-  const Eigen::MatrixXd y = observed(split, cells);
+  const Eigen::MatrixXd y = observed(basis.mapping, test, cells);
   const Eigen::Index channels = basis.channels;
-  const auto materials = static_cast<Eigen::Index>(split.test.size());
+  const auto materials = static_cast<Eigen::Index>(test.size());
   Eigen::MatrixXd c(basis.components(), y.cols());
   for (int channel = 0; channel < channels; ++channel) {
     Eigen::MatrixXd G(y.rows(), basis.components()), b(y.rows(), materials);
@@ -119,18 +124,18 @@ std::vector<MaterialResult> estimate_paper(const StudySplit& split,
   }
   std::vector<MaterialResult> out;
   for (Eigen::Index m = 0; m < materials; ++m) {
-    const BrdfTable estimate = evaluate(basis, c.middleCols(m * channels, channels));
-    const BrdfTable& truth = split.test[static_cast<std::size_t>(m)].table;
-    out.push_back({brdf_error(estimate, truth, floor), nan, nan, nan});
+    BrdfTable estimate = evaluate(basis, c.middleCols(m * channels, channels));
+    const BrdfTable& truth = test[static_cast<std::size_t>(m)].table;
+    const BrdfError error = brdf_error(estimate, truth, floor);
+    out.push_back({error, nan, nan, nan, std::move(estimate)});
   }
   return out;
 }
 
-std::vector<MaterialResult> estimate_map(const StudySplit& split,
+std::vector<MaterialResult> estimate_map(const BrdfBasis& basis, std::span<const Material> test,
                                          const std::vector<std::int32_t>& cells, double floor) {
-  const BrdfBasis& basis = split.whole;
-  const Eigen::Index channels = split.test.front().table.f.cols();
-  Eigen::MatrixXd y = observed(split, cells);
+  const Eigen::Index channels = test.front().table.f.cols();
+  Eigen::MatrixXd y = observed(basis.mapping, test, cells);
   Eigen::MatrixXd G(y.rows(), basis.components());
   for (Eigen::Index i = 0; i < y.rows(); ++i) {
     const std::int32_t cell = cells[static_cast<std::size_t>(i)];
@@ -146,7 +151,7 @@ std::vector<MaterialResult> estimate_map(const StudySplit& split,
       posterior_size(basis, {&covariance, 1}, Eigen::MatrixXd::Zero(c.rows(), 1));
   const BrdfTable all = evaluate(basis, c);
   std::vector<MaterialResult> out;
-  for (std::size_t m = 0; m < split.test.size(); ++m) {
+  for (std::size_t m = 0; m < test.size(); ++m) {
     const Eigen::Index first = static_cast<Eigen::Index>(m) * channels;
     PosteriorSize size{channels, 0, 0, 0};
     size.trace = one.trace * static_cast<double>(channels);
@@ -155,40 +160,71 @@ std::vector<MaterialResult> estimate_map(const StudySplit& split,
       size.z2 += c.col(first + i).cwiseQuotient(basis.stddev).squaredNorm();
     }
     out.push_back(
-        with_prediction(basis, columns_of(all, first, channels), split.test[m].table, size, floor));
+        with_prediction(basis, columns_of(all, first, channels), test[m].table, size, floor));
   }
   return out;
 }
 
-std::vector<MaterialResult> estimate_measured(const StudySplit& split, bool map,
+std::vector<MaterialResult> estimate_measured(const BrdfBasis& basis,
+                                              std::span<const Material> test, bool map,
                                               const std::vector<std::int32_t>& cells,
-                                              const StudyOptions& options, std::uint64_t seed) {
-  const BrdfBasis& basis = map ? split.whole : split.paper;
+                                              const MeasuredRows& measured) {
   FitOptions fit_options;
   fit_options.estimator = map ? Estimator::map : Estimator::pseudo_inverse;
+  fit_options.find_rank = false;
   std::vector<MaterialResult> out;
-  for (std::size_t m = 0; m < split.test.size(); ++m) {
-    std::mt19937_64 random(seed + 7919 * m);
-    const BrdfTable& truth = split.test[m].table;
-    const std::vector<BrdfObservations> lights = {measure(truth, cells, options, !map, random)};
+  for (std::size_t m = 0; m < test.size(); ++m) {
+    std::mt19937_64 random(measured.seed + 7919 * m);
+    const BrdfTable& truth = test[m].table;
+    const std::vector<BrdfObservations> lights = {measure(truth, cells, measured, !map, random)};
     const Coefficients c = fit(basis, lights, static_cast<int>(truth.f.cols()), fit_options);
-    const BrdfTable estimate = evaluate(basis, c.c);
+    BrdfTable estimate = evaluate(basis, c.c);
     if (map) {
-      out.push_back(with_prediction(basis, estimate, truth,
-                                    posterior_size(basis, c.covariance, c.c), options.floor));
+      out.push_back(with_prediction(basis, std::move(estimate), truth, posterior_size(basis, c),
+                                    measured.floor));
     } else {
-      out.push_back({brdf_error(estimate, truth, options.floor), nan, nan, nan});
+      const BrdfError error = brdf_error(estimate, truth, measured.floor);
+      out.push_back({error, nan, nan, nan, std::move(estimate)});
     }
   }
   return out;
 }
 
-std::vector<MaterialResult> estimate_mean(const StudySplit& split, double floor) {
-  const BrdfTable mean =
-      evaluate(split.whole, Eigen::MatrixXd::Zero(split.whole.components(), split.whole.channels));
+std::vector<MaterialResult> estimate_mean(const BrdfBasis& basis, std::span<const Material> test,
+                                          double floor) {
+  const BrdfTable mean = evaluate(basis, Eigen::MatrixXd::Zero(basis.components(), basis.channels));
   std::vector<MaterialResult> out;
-  for (const Material& material : split.test) {
-    out.push_back({brdf_error(mean, material.table, floor), nan, nan, nan});
+  for (const Material& material : test) {
+    out.push_back({brdf_error(mean, material.table, floor), nan, nan, nan, mean});
+  }
+  return out;
+}
+
+std::vector<MaterialResult> bivariate_error(std::span<const Material> test, double floor) {
+  std::vector<MaterialResult> out;
+  for (const Material& material : test) {
+    MaterialResult result{{}, nan, nan, nan, material.table};
+    double error = 0, norm = 0;
+    std::vector<double> all;
+    for (Eigen::Index row = 0; row < material.azimuth.rows(); ++row) {
+      const Eigen::Index cell = row / azimuth_bins;
+      for (Eigen::Index channel = 0; channel < material.azimuth.cols(); ++channel) {
+        const double f = material.table.f(cell, channel);
+        if (!std::isfinite(f)) continue;
+        const double departure = static_cast<double>(material.azimuth(row, channel));
+        const double ln = std::log(std::max(f, floor)) + departure;
+        error += departure * departure;
+        norm += ln * ln;
+        all.push_back(std::abs(departure));
+      }
+    }
+    if (norm > 0) result.error.percent_log = 100 * std::sqrt(error / norm);
+    if (!all.empty()) {
+      const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
+      std::nth_element(all.begin(), middle, all.end());
+      result.error.median_abs_log = *middle;
+    }
+    out.push_back(std::move(result));
   }
   return out;
 }

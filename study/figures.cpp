@@ -30,7 +30,7 @@ double deviation_of(const std::vector<double>& x) {
 }
 
 struct Gathered {
-  std::vector<double> log, linear, predicted, condition;
+  std::vector<double> log, linear, predicted, condition, capture;
   std::map<std::pair<int, int>, std::vector<double>> by_set;  // (split, run)
   int inside = 0, with_interval = 0;
 };
@@ -44,6 +44,7 @@ std::vector<StudyFigure> study_figures(const StoredStudy& study) {
     g.log.push_back(row.percent_log);
     g.linear.push_back(row.percent_linear_cos);
     g.by_set[{row.split, row.run}].push_back(row.percent_log);
+    if (!std::isnan(row.capture_s)) g.capture.push_back(row.capture_s);
     if (!std::isnan(row.condition)) g.condition.push_back(row.condition);
     if (std::isnan(row.predicted)) continue;
     g.predicted.push_back(row.predicted);
@@ -68,9 +69,20 @@ std::vector<StudyFigure> study_figures(const StoredStudy& study) {
     f.coverage =
         g.with_interval > 0 ? static_cast<double>(g.inside) / g.with_interval : std::nan("");
     f.condition = median_of(g.condition);
+    f.minutes = g.capture.empty() ? f.lights * study.identity.seconds_per_light / 60
+                                  : mean_of(g.capture) / 60;
     figures.push_back(f);
   }
   return figures;
+}
+
+std::vector<std::pair<double, double>> pareto_front(std::vector<std::pair<double, double>> points) {
+  std::sort(points.begin(), points.end());
+  std::vector<std::pair<double, double>> front;
+  for (const auto& point : points) {
+    if (front.empty() || point.second < front.back().second) front.push_back(point);
+  }
+  return front;
 }
 
 }  // namespace lightrig

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <map>
 
+#include "daemon/session/report_text.h"
+#include "study/job.h"
 #include "study/report.h"
 
 namespace lightrig {
@@ -16,7 +18,8 @@ constexpr const char* style = R"(<style>
 body{background:var(--paper);color:var(--ink);font:15px/1.5 system-ui,sans-serif;max-width:1360px;margin:2rem auto;padding:0 1rem}
 .charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,560px),1fr));gap:1.2rem}
 svg{width:100%;height:auto}svg text{fill:var(--ink);font-size:12px}svg .t{font-size:14px;font-weight:600}
-svg .g{stroke:var(--grid)}svg .d{stroke:var(--soft);stroke-dasharray:4 4}
+svg .g{stroke:var(--grid)}svg .d{stroke:var(--ink);stroke-dasharray:5 3}
+.spheres{display:flex;flex-wrap:wrap;gap:1.2rem}figure{margin:0}figcaption{text-align:center}.spheres img{max-width:100%}
 .wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px}td,th{padding:2px 10px;text-align:right;border-bottom:1px solid var(--grid)}
 td:first-child,th:first-child,td:nth-child(3),th:nth-child(3){text-align:left}p{max-width:80ch}.soft{color:var(--soft)}
 </style>)";
@@ -37,12 +40,13 @@ std::string escaped(const std::string& text) {
 
 using Figures = std::vector<StudyFigure>;
 
-std::vector<std::string> methods_in(const Figures& figures, const std::string& object) {
+std::vector<std::string> methods_in(const Figures& figures, const StudyIdentity& identity,
+                                    const std::string& object) {
   std::vector<std::string> out;
-  for (const StudyMethod& method : study_methods()) {
+  for (const std::string& method : identity.methods) {
     for (const StudyFigure& f : figures) {
-      if (f.object == object && f.method == method.name && f.lights > 0) {
-        out.push_back(method.name);
+      if (f.object == object && f.method == method && f.lights > 0) {
+        out.push_back(method);
         break;
       }
     }
@@ -50,24 +54,26 @@ std::vector<std::string> methods_in(const Figures& figures, const std::string& o
   return out;
 }
 
-/// Error against lights, or against rig minutes: one line per method.
-StudyChart error_chart(const Figures& figures, const std::string& object,
-                       double minutes_per_light) {
+/// Error against lights, or against rig minutes with what is worth them: one line per method.
+StudyChart error_chart(const Figures& figures, const StudyIdentity& identity,
+                       const std::string& object, bool time) {
   StudyChart chart;
-  const bool time = minutes_per_light > 0;
   chart.title = object + (time ? ": error against run time" : ": error against lights");
   chart.x_label = time ? "rig time [min]" : "lights";
   chart.y_label = "median error of ln f [%]";
   chart.log_y = true;
-  for (const std::string& method : methods_in(figures, object)) {
+  std::vector<std::pair<double, double>> all;
+  for (const std::string& method : methods_in(figures, identity, object)) {
     StudySeries series{method, {}};
     for (const StudyFigure& f : figures) {
       if (f.object == object && f.method == method) {
-        series.points.emplace_back(f.lights * (time ? minutes_per_light : 1), f.median);
+        series.points.emplace_back(time ? f.minutes : f.lights, f.median);
       }
     }
+    all.insert(all.end(), series.points.begin(), series.points.end());
     chart.series.push_back(std::move(series));
   }
+  if (time) chart.series.push_back({"Pareto front", pareto_front(all), false, true});
   return chart;
 }
 
@@ -100,30 +106,57 @@ StudyChart material_chart(const StoredStudy& study, const std::string& object, i
     ++n;
   }
   std::vector<std::pair<double, std::string>> order;
-  for (const auto& [material, s] : sums[sums.contains("paper") ? "paper" : sums.begin()->first]) {
+  const std::string by = sums.contains("paper") ? "paper" : sums.begin()->first;
+  for (const auto& [material, s] : sums[by]) {
     order.emplace_back(s.first / s.second, material);
   }
   std::sort(order.begin(), order.end());
   StudyChart chart{
       fmt::format("{}: each material at {} lights (the paper's Fig. 5)", object, lights),
-      "test materials, by the paper's error",
+      fmt::format("test materials, by the error of {}", by),
       "error of ln f [%]",
       {},
       false,
       true,
       false};
-  for (const StudyMethod& method : study_methods()) {
-    if (!sums.contains(method.name) || method.name.starts_with("random")) continue;
-    StudySeries series{method.name, {}};
+  for (const std::string& method : study.identity.methods) {
+    if (!sums.contains(method) || method.starts_with("random")) continue;
+    StudySeries series{method, {}};
     for (std::size_t i = 0; i < order.size(); ++i) {
-      const auto found = sums[method.name].find(order[i].second);
-      if (found == sums[method.name].end()) continue;
+      const auto found = sums[method].find(order[i].second);
+      if (found == sums[method].end()) continue;
       series.points.emplace_back(static_cast<double>(i + 1),
                                  found->second.first / found->second.second);
     }
     chart.series.push_back(std::move(series));
   }
   return chart;
+}
+
+/// 5 %, 50 % and 95 % of the true errors about each predicted one: of a twelfth of the rows each.
+std::vector<StudySeries> band_of(const StoredStudy& study) {
+  std::vector<std::pair<double, double>> pairs;
+  for (const StudyRow& row : study.rows) {
+    if (!std::isnan(row.predicted)) pairs.emplace_back(row.predicted, row.percent_log);
+  }
+  if (pairs.size() < 240) return {};
+  std::sort(pairs.begin(), pairs.end());
+  std::vector<StudySeries> out;
+  for (const auto& [name, share] : {std::pair{"5 % of truths", 0.05}, std::pair{"half", 0.5},
+                                    std::pair{"95 % of truths", 0.95}}) {
+    StudySeries series{name, {}, false, true};
+    for (std::size_t i = 0; i < 12; ++i) {
+      const std::size_t first = i * pairs.size() / 12, last = (i + 1) * pairs.size() / 12;
+      std::vector<double> truths;
+      for (std::size_t j = first; j < last; ++j) truths.push_back(pairs[j].second);
+      std::sort(truths.begin(), truths.end());
+      series.points.emplace_back(
+          pairs[(first + last) / 2].first,
+          truths[static_cast<std::size_t>(share * static_cast<double>(truths.size() - 1))]);
+    }
+    out.push_back(std::move(series));
+  }
+  return out;
 }
 
 /// Predicted against true error; at most some thousand dots, every k-th row.
@@ -148,6 +181,40 @@ StudyChart calibration_chart(const StoredStudy& study) {
     s.points.emplace_back(row.predicted, row.percent_log);
   }
   for (auto& [name, s] : series) chart.series.push_back(std::move(s));
+  for (StudySeries& s : band_of(study)) chart.series.push_back(std::move(s));
+  return chart;
+}
+
+/// How often the truth is inside the 90 % interval, by the number of lights.
+StudyChart coverage_chart(const Figures& figures, const StudyIdentity& identity) {
+  StudyChart chart{"How often the 90 % interval holds the true error",
+                   "lights",
+                   "share of materials, all objects [%]",
+                   {},
+                   false,
+                   false,
+                   false,
+                   false};
+  for (const std::string& method : identity.methods) {
+    std::map<int, std::pair<double, double>> sums;
+    for (const StudyFigure& f : figures) {
+      if (f.method != method || std::isnan(f.coverage)) continue;
+      auto& [inside, n] = sums[f.lights];
+      inside += f.coverage * static_cast<double>(f.n);
+      n += static_cast<double>(f.n);
+    }
+    if (sums.empty()) continue;
+    StudySeries series{method, {}};
+    for (const auto& [lights, s] : sums) {
+      series.points.emplace_back(lights, 100 * s.first / s.second);
+    }
+    chart.series.push_back(std::move(series));
+  }
+  if (chart.series.empty()) return chart;
+  double most = 1;
+  for (const StudySeries& s : chart.series) most = std::max(most, s.points.back().first);
+  chart.series.push_back({"85 %", {{0, 85}, {most, 85}}, false, true});
+  chart.series.push_back({"95 %", {{0, 95}, {most, 95}}, false, true});
   return chart;
 }
 
@@ -167,16 +234,45 @@ std::string figure_table(const Figures& figures) {
   return html + "</table></div>";
 }
 
+/// Pictures of the first split, a line per material.
+std::string spheres_html(const StoredStudy& study) {
+  if (study.spheres.empty()) return "";
+  std::vector<MethodSpec> specs;
+  for (const std::string& name : study.identity.methods) {
+    if (Result<MethodSpec> spec = method_spec(name)) specs.push_back(*spec);
+  }
+  std::string columns = "the truth";
+  for (const std::string& name : spheres_of(specs)) columns += ", " + name;
+  std::string html = fmt::format(
+      "<h2>Spheres under an environment light</h2><p>Four test materials of the first split from "
+      "the dullest to the most shining, a "
+      "line each; from left to right: {}. At the largest number of lights; every line has one "
+      "exposure.</p><div class=spheres>",
+      escaped(columns));
+  for (const auto& [object, png] : study.spheres) {
+    html += fmt::format(
+        "<figure><img alt='spheres, lights of {0}' src='data:image/png;base64,{1}'><figcaption>"
+        "{0}</figcaption></figure>",
+        escaped(object), base64(png));
+  }
+  return html + "</div>";
+}
+
 std::string cost_table(const StoredStudy& study) {
   std::map<std::pair<std::string, std::string>, std::pair<double, int>> sums;
+  double peak = 0;
   for (const CostRow& row : study.costs) {
+    if (row.stage == "other") continue;
     auto& [sum, n] = sums[{row.object, row.stage}];
     sum += row.seconds;
     ++n;
+    peak = std::max(peak, row.peak_mib);
   }
-  std::string html =
-      "<div class=wide><table><tr><th>object<th>mean s<th>stage (per split, all lights and "
-      "materials)";
+  std::string html = fmt::format(
+      "<p>Wall seconds of this machine, as busy as it was. Peak memory of the process: {:.0f} "
+      "MiB.</p><div class=wide><table><tr><th>object<th>mean s<th>stage (per split, all lights, "
+      "light sets and materials)",
+      peak);
   for (const auto& [key, s] : sums) {
     html += fmt::format("<tr><td>{}<td>{:.3f}<td>{}", escaped(key.first), s.first / s.second,
                         escaped(key.second));
@@ -196,30 +292,34 @@ std::string study_html(const StoredStudy& study) {
   html += fmt::format(
       "<p>{} objects × {} splits of the materials ({}). Error is 100·‖ln f̂ − ln f‖/‖ln f‖ over the "
       "bivariate grid and channels, f in 1/sr; beside it the linear cosine-weighted error. Rig "
-      "time "
-      "counts {:g} s per light. Medians are over test materials, splits and light sets; random "
+      "time is {}. Medians are over test materials, splits and light sets; random "
       "lights with the pseudo-inverse are heavy-tailed.</p>",
       id.objects.size(), id.splits,
       id.materials == "builtin"
           ? "built-in set"
           : "MERL-format files; where these are fits, errors are on fits of MERL",
-      id.seconds_per_light);
+      id.rig.empty() ? fmt::format("taken to be {:g} s per light", id.seconds_per_light)
+                     : fmt::format("what the motion model of rig “{}” predicts", escaped(id.rig)));
   html += "<ul class=soft>";
   for (const StudyMethod& m : study_methods()) {
+    if (std::find(id.methods.begin(), id.methods.end(), m.name) == id.methods.end()) continue;
     html += fmt::format("<li><b>{}</b>: {}", m.name, escaped(m.description));
   }
   html += "</ul><div class=charts>";
   for (const std::string& object : id.objects) {
-    html += to_svg(error_chart(figures, object, 0));
-    html += to_svg(error_chart(figures, object, id.seconds_per_light / 60));
+    html += to_svg(error_chart(figures, id, object, false));
+    html += to_svg(error_chart(figures, id, object, true));
   }
-  html += to_svg(condition_chart(figures, id.objects));
+  const bool paper = std::any_of(figures.begin(), figures.end(),
+                                 [](const StudyFigure& f) { return f.method == "paper"; });
+  if (paper) html += to_svg(condition_chart(figures, id.objects));
   for (std::size_t i = 0; i < id.objects.size() && !study.rows.empty(); ++i) {
     if (!id.lights[i].empty()) {
       html += to_svg(material_chart(study, id.objects[i], id.lights[i].back()));
     }
   }
-  html += to_svg(calibration_chart(study)) + "</div>";
+  html += to_svg(calibration_chart(study)) + to_svg(coverage_chart(figures, id)) + "</div>";
+  html += spheres_html(study);
   html += "<h2>Figures</h2>" + figure_table(figures);
   html += "<h2>As printed</h2><div class=wide><pre>" + escaped(study_text(study)) + "</pre></div>";
   html += "<h2>What it cost here</h2>" + cost_table(study);

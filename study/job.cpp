@@ -1,16 +1,27 @@
 #include "study/job.h"
 
+#include <sys/resource.h>
+
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
+#include <map>
 #include <random>
+#include <tuple>
 
 #include "core/planner.h"
 #include "study/estimate.h"
+#include "study/spheres.h"
 
 namespace lightrig {
 namespace {
+
+/// [MiB]
+double peak_memory() {
+  rusage usage{};
+  ::getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024;
+}
 
 /// Seconds since the last call, put down under a stage's name.
 class Stopwatch {
@@ -19,7 +30,8 @@ class Stopwatch {
       : object_(std::move(object)), split_(split), costs_(costs) {}
   void lap(const std::string& stage) {
     const auto now = std::chrono::steady_clock::now();
-    costs_.push_back({object_, split_, stage, std::chrono::duration<double>(now - last_).count()});
+    costs_.push_back({object_, split_, stage, std::chrono::duration<double>(now - last_).count(),
+                      peak_memory()});
     last_ = now;
   }
 
@@ -82,107 +94,159 @@ Chosen draw(const CandidateBins& bins, int most, std::uint64_t seed) {
 }
 
 /// Components that a-optimal planning looks at: the posterior of the rest hardly moves its choice.
-constexpr Eigen::Index planning_components = 60;
+constexpr int planning_components = 60;
 
-struct Job {
-  const StudyScene& scene;
-  const StudySplit& split;
-  const StudyOptions& options;
-  const std::vector<int>& lights;
-  JobResult result;
+int at_most(int wanted, const BrdfBasis& basis) {
+  const int all = static_cast<int>(basis.components());
+  return wanted > 0 ? std::min(wanted, all) : all;
+}
 
-  void report(const std::string& method, int run, int n, double condition,
-              const std::vector<MaterialResult>& materials) {
-    for (std::size_t m = 0; m < materials.size(); ++m) {
-      const MaterialResult& r = materials[m];
-      result.rows.push_back({scene.object, split.index, method, run, n, split.test[m].name,
-                             r.error.percent_log, r.error.percent_linear_cos,
-                             r.error.median_abs_log, r.predicted, r.low, r.high, condition});
+class Job {
+ public:
+  Job(const StudyScene& scene, const StudySplit& split, const StudyOptions& options,
+      const std::vector<int>& lights, const RigTime* rig)
+      : scene_(scene),
+        split_(split),
+        options_(options),
+        lights_(lights),
+        rig_(rig),
+        watch_(scene.object, split.index, result_.costs) {}
+
+  void run(const MethodSpec& method) {
+    using Lights = MethodSpec::Lights;
+    if (method.lights == Lights::none) {
+      without_lights(method);
+    } else if (method.lights == Lights::random) {
+      for (int run = 0; run < options_.random_runs; ++run) {
+        const std::uint64_t seed = options_.seed * 7907 +
+                                   static_cast<std::uint64_t>(split_.index) * 131 +
+                                   static_cast<std::uint64_t>(run);
+        fit_all(method, draw(bins(method), most(), seed), run);
+      }
+    } else {
+      fit_all(method, planned(method), 0);
     }
+    watch_.lap("reduce " + method.name);
+  }
+
+  /// Estimates at the largest number of lights, of the methods that are drawn.
+  const std::map<std::string, std::vector<BrdfTable>>& drawn() const { return drawn_; }
+  void draw_spheres_of(const std::vector<std::string>& names) { wanted_ = names; }
+  JobResult take() { return std::move(result_); }
+  Stopwatch& watch() { return watch_; }
+
+ private:
+  int most() const { return *std::max_element(lights_.begin(), lights_.end()); }
+  const CandidateBins& bins(const MethodSpec& method) const {
+    return method.pixels ? scene_.pixel_bins : scene_.vertex_bins;
+  }
+
+  /// Lights of the same criterion, points and components are chosen once.
+  const Chosen& planned(const MethodSpec& method) {
+    const bool condition = method.lights == MethodSpec::Lights::condition;
+    const BrdfBasis& whole = condition ? split_.paper : split_.whole;
+    const int k = at_most(
+        condition || method.components > 0 ? method.components : planning_components, whole);
+    const std::tuple<bool, bool, int> key{condition, method.pixels, k};
+    if (const auto there = chosen_.find(key); there != chosen_.end()) return there->second;
+    watch_.lap("other");
+    const Chosen chosen =
+        choose(truncated(whole, k), bins(method),
+               condition ? Criterion::condition : Criterion::a_optimal, most(), 1);
+    watch_.lap("plan " + method.name);
+    return chosen_.emplace(key, chosen).first->second;
+  }
+
+  void without_lights(const MethodSpec& method) {
+    using Fit = MethodSpec::Fit;
+    std::vector<MaterialResult> results;
+    if (method.fit == Fit::mean) {
+      results = estimate_mean(split_.whole, split_.test, options_.floor);
+    } else if (method.fit == Fit::bivariate) {
+      const bool any = std::any_of(split_.test.begin(), split_.test.end(),
+                                   [](const Material& m) { return m.azimuth.size() > 0; });
+      if (!any) return;  // a table without φd approximates nothing
+      results = bivariate_error(split_.test, options_.floor);
+    } else {
+      std::vector<std::int32_t> cells;
+      for (int cell = 0; cell < split_.paper.grid.cells(); ++cell) {
+        if (split_.paper.valid[static_cast<std::size_t>(cell)] != 0) cells.push_back(cell);
+      }
+      results = estimate_paper(split_.paper, split_.test, cells, options_.floor);
+    }
+    report(method.name, 0, 0, std::nan(""), std::nan(""), results);
   }
 
   /// One light set under one estimator, at every reported number of lights.
-  void estimate(const std::string& method, const CandidateBins& bins, const Chosen& chosen, int run,
-                bool map) {
-    if (!wanted(options, method)) return;
-    const bool exact = options.noise <= 0 && options.exposures <= 0;
-    for (const int n : lights) {
+  void fit_all(const MethodSpec& method, const Chosen& chosen, int run) {
+    const bool map = method.fit == MethodSpec::Fit::map;
+    const BrdfBasis& whole = !method.prior.empty() ? split_.priors.at(method.prior)
+                             : map                 ? split_.whole
+                                                   : split_.paper;
+    const bool cut = method.components > 0 && method.components < whole.components();
+    const BrdfBasis fewer = cut ? truncated(whole, method.components) : BrdfBasis{};
+    const BrdfBasis& basis = cut ? fewer : whole;
+    MeasuredRows measured{method.exposures >= 0 ? method.exposures : options_.exposures,
+                          options_.noise, options_.floor, 0};
+    const bool exact = measured.noise <= 0 && measured.exposures <= 0 && method.prior.empty();
+    for (const int n : lights_) {
       if (n > static_cast<int>(chosen.lights.size())) continue;
-      const std::vector<std::int32_t> cells =
-          cells_of(bins, chosen.lights, static_cast<std::size_t>(n));
-      const std::uint64_t seed = options.seed + 1009 * static_cast<std::uint64_t>(split.index) +
-                                 static_cast<std::uint64_t>(n);
-      const double condition = chosen.condition[static_cast<std::size_t>(n - 1)];
-      report(method, run, n, condition,
-             !exact ? estimate_measured(split, map, cells, options, seed)
-             : map  ? estimate_map(split, cells, options.floor)
-                    : estimate_paper(split, cells, options.floor));
+      const std::span<const int> first(chosen.lights.data(), static_cast<std::size_t>(n));
+      const std::vector<std::int32_t> cells = cells_of(bins(method), chosen.lights, first.size());
+      measured.seed = options_.seed + 1009 * static_cast<std::uint64_t>(split_.index) +
+                      static_cast<std::uint64_t>(n);
+      const std::vector<MaterialResult> results =
+          !exact ? estimate_measured(basis, split_.test, map, cells, measured)
+          : map  ? estimate_map(basis, split_.test, cells, options_.floor)
+                 : estimate_paper(basis, split_.test, cells, options_.floor);
+      const double seconds = rig_ == nullptr ? std::nan("") : rig_->seconds(first);
+      report(method.name, run, n, chosen.condition[first.size() - 1], seconds, results);
+      const bool shown = std::find(wanted_.begin(), wanted_.end(), method.name) != wanted_.end();
+      if (n != most() || !shown) continue;
+      std::vector<BrdfTable>& tables = drawn_[method.name];
+      if (!tables.empty()) continue;  // of random lights the first set
+      for (const MaterialResult& r : results) tables.push_back(r.estimate);
     }
   }
+
+  void report(const std::string& method, int run, int n, double condition, double seconds,
+              const std::vector<MaterialResult>& materials) {
+    for (std::size_t m = 0; m < materials.size(); ++m) {
+      const MaterialResult& r = materials[m];
+      result_.rows.push_back({scene_.object, split_.index, method, run, n, split_.test[m].name,
+                              r.error.percent_log, r.error.percent_linear_cos,
+                              r.error.median_abs_log, r.predicted, r.low, r.high, condition,
+                              seconds});
+    }
+  }
+
+  const StudyScene& scene_;
+  const StudySplit& split_;
+  const StudyOptions& options_;
+  const std::vector<int>& lights_;
+  const RigTime* rig_;
+  JobResult result_;
+  Stopwatch watch_;
+  std::map<std::tuple<bool, bool, int>, Chosen> chosen_;
+  std::vector<std::string> wanted_;
+  std::map<std::string, std::vector<BrdfTable>> drawn_;
 };
 
 }  // namespace
 
-std::span<const StudyMethod> study_methods() {
-  static const std::array<StudyMethod, 7> methods = {
-      StudyMethod{"mean", "the mean material, no light at all: the zero line"},
-      StudyMethod{"random", "random lights, vertices, pseudo-inverse"},
-      StudyMethod{"random-map", "the same random lights, MAP"},
-      StudyMethod{"paper", "least condition number over vertices, pseudo-inverse [Ali 2013]"},
-      StudyMethod{"paper-map", "the paper's lights, MAP"},
-      StudyMethod{"pixels-map", "least condition number over pixels, MAP"},
-      StudyMethod{"a-optimal-map", "least expected error over pixels, MAP"}};
-  return methods;
-}
-
-bool wanted(const StudyOptions& options, const std::string& method) {
-  return options.methods.empty() ||
-         std::find(options.methods.begin(), options.methods.end(), method) != options.methods.end();
-}
-
 JobResult run_job(const StudyScene& scene, const StudySplit& split, const StudyOptions& options,
-                  const std::vector<int>& lights) {
-  Job job{scene, split, options, lights, {}};
-  Stopwatch watch(scene.object, split.index, job.result.costs);
-  const int most = *std::max_element(lights.begin(), lights.end());
-  if (wanted(options, "mean")) {
-    job.report("mean", 0, 0, std::nan(""), estimate_mean(split, options.floor));
-  }
-  watch.lap("mean");
-  if (wanted(options, "paper") || wanted(options, "paper-map")) {
-    const Chosen paper = choose(split.paper, scene.vertex_bins, Criterion::condition, most, 1);
-    watch.lap("plan-condition");
-    job.estimate("paper", scene.vertex_bins, paper, 0, false);
-    watch.lap("fit-paper");
-    job.estimate("paper-map", scene.vertex_bins, paper, 0, true);
-    watch.lap("fit-paper-map");
-  }
-  if (wanted(options, "pixels-map")) {
-    const Chosen pixels = choose(split.paper, scene.pixel_bins, Criterion::condition, most, 1);
-    watch.lap("plan-pixels");
-    job.estimate("pixels-map", scene.pixel_bins, pixels, 0, true);
-    watch.lap("fit-pixels-map");
-  }
-  if (wanted(options, "a-optimal-map")) {
-    const BrdfBasis basis =
-        truncated(split.whole, std::min(planning_components, split.whole.components()));
-    const Chosen best = choose(basis, scene.pixel_bins, Criterion::a_optimal, most, 1);
-    watch.lap("plan-a-optimal");
-    job.estimate("a-optimal-map", scene.pixel_bins, best, 0, true);
-    watch.lap("fit-a-optimal-map");
-  }
-  if (wanted(options, "random") || wanted(options, "random-map")) {
-    for (int run = 0; run < options.random_runs; ++run) {
-      const std::uint64_t seed = options.seed * 7907 +
-                                 static_cast<std::uint64_t>(split.index) * 131 +
-                                 static_cast<std::uint64_t>(run);
-      const Chosen random = draw(scene.vertex_bins, most, seed);
-      job.estimate("random", scene.vertex_bins, random, run, false);
-      job.estimate("random-map", scene.vertex_bins, random, run, true);
-    }
-    watch.lap("fit-random");
-  }
-  return std::move(job.result);
+                  std::span<const MethodSpec> methods, const std::vector<int>& lights,
+                  const RigTime* rig) {
+  Job job(scene, split, options, lights, rig);
+  const std::vector<std::string> drawn = spheres_of(methods);
+  // One picture per object is enough to look at.
+  if (split.index == 0) job.draw_spheres_of(drawn);
+  for (const MethodSpec& method : methods) job.run(method);
+  const std::vector<std::byte> spheres = draw_spheres(split.test, drawn, job.drawn());
+  job.watch().lap("spheres");
+  JobResult result = job.take();
+  result.spheres = spheres;
+  return result;
 }
 
 }  // namespace lightrig

@@ -18,6 +18,7 @@ struct StudyFigure {
   double predicted = 0;                       ///< mean; NaN where the method makes none
   double coverage = 0;   ///< fraction of materials whose true error is inside the 90 % interval
   double condition = 0;  ///< median κ²
+  double minutes = 0;    ///< mean predicted capture time, of the given rig or the assumed seconds
 };
 std::vector<StudyFigure> study_figures(const StoredStudy& study);
 
@@ -27,17 +28,22 @@ std::string study_text(const StoredStudy& study);
 /// A self-contained page: tables and plots as SVG, readable in print and in the dark.
 std::string study_html(const StoredStudy& study);
 
+/// Points that no other beats in both time and error, by time: what is worth its minutes.
+std::vector<std::pair<double, double>> pareto_front(std::vector<std::pair<double, double>> points);
+
 /// A line chart.
 struct StudySeries {
   std::string name;
   std::vector<std::pair<double, double>> points;
   bool markers_only = false;
+  bool dashed = false;  ///< a broken line in the colour of the text, without markers
 };
 struct StudyChart {
   std::string title, x_label, y_label;
   std::vector<StudySeries> series;
   bool log_x = false, log_y = false;
-  bool diagonal = false;  ///< draw y = x
+  bool diagonal = false;    ///< draw y = x
+  bool y_from_zero = true;  ///< where y is no logarithm
 };
 std::string to_svg(const StudyChart& chart);
 

@@ -18,6 +18,7 @@ struct StudyRow {
   double percent_log = 0, percent_linear_cos = 0, median_abs_log = 0;
   double predicted = 0, predicted_low = 0, predicted_high = 0;  ///< [%]; NaN: method makes none
   double condition = 0;  ///< κ² of the paper's basis; ∞ kept
+  double capture_s = 0;  ///< [s] predicted on the given rig; NaN without one
 };
 
 /// One line of cost.csv: measured, so never compared.
@@ -26,6 +27,7 @@ struct CostRow {
   int split = 0;
   std::string stage;
   double seconds = 0;
+  double peak_mib = 0;  ///< [MiB] largest memory of the process so far, every thread's job together
 };
 
 std::string study_header();

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <map>
 #include <mutex>
+#include <numbers>
 #include <optional>
 #include <thread>
 
@@ -34,15 +35,6 @@ Result<void> check_options(const StudyOptions& o) {
                            o.shard_count));
   }
   if (!(o.floor > 0)) return bad("the floor of the logarithm must be positive");
-  for (const std::string& method : o.methods) {
-    const auto known = study_methods();
-    if (std::none_of(known.begin(), known.end(),
-                     [&](const StudyMethod& m) { return m.name == method; })) {
-      std::vector<std::string> names;
-      for (const StudyMethod& m : known) names.push_back(m.name);
-      return bad(fmt::format("no method {}; there are {}", method, fmt::join(names, ", ")));
-    }
-  }
   for (const int n : o.lights) {
     if (n < 1) return bad(fmt::format("{} lights asked for; at least 1", n));
   }
@@ -84,22 +76,25 @@ std::vector<std::uint8_t> valid_in_all(const std::vector<Material>& materials) {
 
 StudyIdentity identity_of(const StudyOptions& o, const std::vector<Material>& materials,
                           const std::vector<StudyScene>& scenes,
-                          const std::vector<std::vector<int>>& lights) {
+                          const std::vector<std::vector<int>>& lights,
+                          const std::vector<MethodSpec>& specs, const RigTime* rig) {
   StudyIdentity identity;
   identity.splits = o.splits;
-  std::vector<std::string> methods = o.methods;
-  if (methods.empty()) {
-    for (const StudyMethod& m : study_methods()) methods.push_back(m.name);
-  }
+  std::vector<std::string> methods;
+  for (const MethodSpec& m : specs) methods.push_back(m.name);
   std::string names;
   for (const Material& m : materials) names += m.name + "\n";
   identity.text = fmt::format(
-      "schema=lightrig.study/1\nmaterials={}\nmaterial_count={}\nmaterial_names_sha256={}\n"
+      "schema=lightrig.study/2\nmaterials={}\nmaterial_count={}\nmaterial_names_sha256={}\n"
       "splits={}\ntrain_fraction={}\nrandom_runs={}\ncandidates={}\ncomponents={}\nfloor={}\n"
       "exposures={}\nnoise={}\nseed={}\nmethods={}\ntable1={}\nseconds_per_light={}\n",
       o.materials == "builtin" ? "builtin" : "directory", materials.size(), sha256_hex(names),
       o.splits, o.train_fraction, o.random_runs, o.candidates, o.components, o.floor, o.exposures,
       o.noise, o.seed, fmt::join(methods, " "), o.table1 ? 1 : 0, o.seconds_per_light);
+  if (rig != nullptr) {
+    identity.text +=
+        fmt::format("rig={}\nrig_sha256={}\n", rig->rig().name, sha256_hex(rig->rig().text));
+  }
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     identity.objects.push_back(scenes[i].object);
     identity.lights.push_back(lights[i]);
@@ -114,11 +109,25 @@ struct Prepared {
   std::vector<StudyScene> scenes;
   std::vector<std::vector<int>> lights;
   std::vector<std::string> remarks;
+  std::vector<MethodSpec> methods;
+  std::optional<RigTime> rig;
   StudyIdentity identity;
 };
 
 Result<Prepared> prepare_study(const StudyOptions& options) {
   Prepared p;
+  Result<std::vector<MethodSpec>> methods = methods_of(options);
+  if (!methods) return tl::unexpected(methods.error());
+  p.methods = std::move(*methods);
+  if (!options.rig.empty()) {
+    Result<RigTime> rig = RigTime::open(options.rig, lights_over_sphere(options.candidates));
+    if (!rig) return tl::unexpected(rig.error());
+    p.remarks.push_back(fmt::format(
+        "capture times are of rig \"{}\": the candidate nearest to a light asked for is {:.1f}° "
+        "from it (median over all)",
+        rig->rig().name, rig->median_deviation() * 180 / std::numbers::pi));
+    p.rig.emplace(std::move(*rig));
+  }
   MaterialsConfig config;
   config.source = options.materials;
   Result<LoadedMaterials> loaded = load_materials(config);
@@ -141,7 +150,8 @@ Result<Prepared> prepare_study(const StudyOptions& options) {
     p.lights.push_back(lights.at(object));
   }
   if (p.scenes.empty()) return fail(ErrorCode::invalid_input, "study: no object to study");
-  p.identity = identity_of(options, p.materials, p.scenes, p.lights);
+  p.identity =
+      identity_of(options, p.materials, p.scenes, p.lights, p.methods, p.rig ? &*p.rig : nullptr);
   return p;
 }
 
@@ -171,7 +181,7 @@ class SplitCache {
   Result<std::shared_ptr<const StudySplit>> get(int index) {
     const std::scoped_lock lock(mutex_);
     if (auto there = splits_[index].lock()) return there;
-    Result<StudySplit> made = make_split(prepared_.materials, options_, index);
+    Result<StudySplit> made = make_split(prepared_.materials, options_, prepared_.methods, index);
     if (!made) return tl::unexpected(made.error());
     auto shared = std::make_shared<const StudySplit>(std::move(*made));
     splits_[index] = shared;
@@ -220,7 +230,8 @@ Result<StudySummary> run_study(const StudyOptions& options,
           stored = tl::unexpected(split.error());
         } else {
           const JobResult result =
-              run_job(scene, **split, options, p->lights[static_cast<std::size_t>(object)]);
+              run_job(scene, **split, options, p->methods,
+                      p->lights[static_cast<std::size_t>(object)], p->rig ? &*p->rig : nullptr);
           stored = store_job(options.out, index, scene.object, result);
         }
         const std::scoped_lock lock(mutex);
@@ -255,10 +266,14 @@ Result<StudySummary> merge_study(std::span<const std::filesystem::path> shards,
     }
     for (int split = 0; split < identity->splits; ++split) {
       for (const std::string& object : identity->objects) {
-        for (const auto& file : {&cost_file, &job_file}) {
-          const Result<std::string> bytes = read_file((*file)(shard, split, object));
+        const std::pair<std::filesystem::path, std::filesystem::path> files[] = {
+            {spheres_file(shard, object), spheres_file(out, object)},
+            {cost_file(shard, split, object), cost_file(out, split, object)},
+            {job_file(shard, split, object), job_file(out, split, object)}};
+        for (const auto& [from, to] : files) {
+          const Result<std::string> bytes = read_file(from);
           if (!bytes) continue;  // another shard's job
-          if (Result<void> w = write_durably((*file)(out, split, object), *bytes); !w) {
+          if (Result<void> w = write_durably(to, *bytes); !w) {
             return tl::unexpected(with_context("study merge", w.error()));
           }
         }

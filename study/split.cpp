@@ -20,10 +20,19 @@ std::vector<std::size_t> permutation(std::size_t n, std::uint64_t seed) {
   return order;
 }
 
+BasisOptions prior_options(const std::string& prior, double floor) {
+  BasisOptions options;
+  options.floor = floor;
+  if (prior == "stacked") options.layout = ChannelLayout::stacked;
+  if (prior == "ln-offset") options.mapping = Mapping::ln_offset;
+  if (prior == "log-relative") options.mapping = Mapping::log_relative;
+  return options;
+}
+
 }  // namespace
 
 Result<StudySplit> make_split(std::span<const Material> materials, const StudyOptions& options,
-                              int index) {
+                              std::span<const MethodSpec> methods, int index) {
   const auto start = std::chrono::steady_clock::now();
   const auto train = static_cast<std::size_t>(
       std::lround(options.train_fraction * static_cast<double>(materials.size())));
@@ -56,6 +65,12 @@ Result<StudySplit> make_split(std::span<const Material> materials, const StudyOp
   if (!whole) return tl::unexpected(with_context("study: basis", whole.error()));
   split.paper = std::move(*paper);
   split.whole = std::move(*whole);
+  for (const MethodSpec& method : methods) {
+    if (method.prior.empty() || split.priors.contains(method.prior)) continue;
+    Result<BrdfBasis> made = make_basis(learn, prior_options(method.prior, options.floor));
+    if (!made) return tl::unexpected(with_context("study: basis " + method.prior, made.error()));
+    split.priors.emplace(method.prior, std::move(*made));
+  }
   split.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return split;
 }

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <charconv>
+#include <span>
+#include <sstream>
 
 #include "daemon/session/durable_file.h"
 
@@ -19,6 +21,13 @@ std::vector<std::string> lines_of(const std::string& text) {
     begin = end + 1;
   }
   return lines;
+}
+
+std::vector<std::string> words(const std::string& text) {
+  std::vector<std::string> out;
+  std::istringstream in(text);
+  for (std::string word; in >> word;) out.push_back(word);
+  return out;
 }
 
 std::vector<int> integers(const std::string& text) {
@@ -47,6 +56,10 @@ std::filesystem::path cost_file(const std::filesystem::path& out, int split,
   return out / "jobs" / fmt::format("{:03}-{}.cost.csv", split, object);
 }
 
+std::filesystem::path spheres_file(const std::filesystem::path& out, const std::string& object) {
+  return out / "jobs" / fmt::format("000-{}.spheres.png", object);
+}
+
 Result<void> claim_folder(const std::filesystem::path& out, const StudyIdentity& identity) {
   if (Result<void> made = make_folder(out / "jobs"); !made) return made;
   const Result<std::string> there = read_file(out / "study.txt");
@@ -72,6 +85,8 @@ Result<StudyIdentity> read_identity(const std::filesystem::path& out) {
     if (key == "splits") identity.splits = integers(value).empty() ? 0 : integers(value)[0];
     if (key == "table1") identity.table1 = value == "1";
     if (key == "materials") identity.materials = value;
+    if (key == "rig") identity.rig = value;
+    if (key == "methods") identity.methods = words(value);
     if (key == "seconds_per_light") {
       std::from_chars(value.data(), value.data() + value.size(), identity.seconds_per_light);
     }
@@ -88,6 +103,11 @@ Result<void> store_job(const std::filesystem::path& out, int split, const std::s
   std::string costs = cost_header(), rows = study_header();
   for (const CostRow& row : result.costs) costs += to_csv(row);
   for (const StudyRow& row : result.rows) rows += to_csv(row);
+  if (!result.spheres.empty()) {
+    const std::string png(reinterpret_cast<const char*>(result.spheres.data()),
+                          result.spheres.size());
+    if (Result<void> w = write_durably(spheres_file(out, object), png); !w) return w;
+  }
   // The rows last: their file is what says that the job is done.
   if (Result<void> w = write_durably(cost_file(out, split, object), costs); !w) return w;
   return write_durably(job_file(out, split, object), rows);
@@ -96,7 +116,13 @@ Result<void> store_job(const std::filesystem::path& out, int split, const std::s
 Result<StoredStudy> read_study(const std::filesystem::path& out) {
   Result<StudyIdentity> identity = read_identity(out);
   if (!identity) return tl::unexpected(identity.error());
-  StoredStudy study{*identity, {}, {}, 0};
+  StoredStudy study{*identity, {}, {}, 0, {}};
+  for (const std::string& object : identity->objects) {
+    const Result<std::string> png = read_file(spheres_file(out, object));
+    if (!png) continue;
+    const auto bytes = std::as_bytes(std::span(*png));
+    study.spheres.emplace_back(object, std::vector<std::byte>(bytes.begin(), bytes.end()));
+  }
   for (int split = 0; split < identity->splits; ++split) {
     for (const std::string& object : identity->objects) {
       const std::filesystem::path path = job_file(out, split, object);

@@ -18,7 +18,9 @@ struct StudyIdentity {
   int splits = 0;
   bool table1 = false;
   double seconds_per_light = 12;
-  std::string materials;  ///< "builtin" or "directory"
+  std::string materials;             ///< "builtin" or "directory"
+  std::string rig;                   ///< name of the rig that capture times are of; "" none
+  std::vector<std::string> methods;  ///< in order
   int jobs() const { return static_cast<int>(objects.size()) * splits; }
 };
 
@@ -27,6 +29,8 @@ std::filesystem::path job_file(const std::filesystem::path& out, int split,
                                const std::string& object);
 std::filesystem::path cost_file(const std::filesystem::path& out, int split,
                                 const std::string& object);
+
+std::filesystem::path spheres_file(const std::filesystem::path& out, const std::string& object);
 
 /// Writes study.txt, or checks that the one there says the same. Errors: invalid_input.
 Result<void> claim_folder(const std::filesystem::path& out, const StudyIdentity& identity);
@@ -41,6 +45,7 @@ struct StoredStudy {
   std::vector<StudyRow> rows;
   std::vector<CostRow> costs;
   int jobs_there = 0;
+  std::vector<std::pair<std::string, std::vector<std::byte>>> spheres;  ///< object, PNG
 };
 Result<StoredStudy> read_study(const std::filesystem::path& out);
 

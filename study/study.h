@@ -18,8 +18,12 @@ struct StudyOptions {
   std::vector<std::string> objects = {"sphere"};
   std::filesystem::path meshes;       ///< folder that named meshes are looked for in
   std::string materials = "builtin";  ///< or a directory of MERL .binary files
-  /// Names of `study_methods()`; empty means all.
+  /// Names that method_spec() knows; empty means all of `study_methods()`, unless an axis is given.
   std::vector<std::string> methods;
+  /// Axes: their product is added to the methods, over pixels. Criteria condition, a-optimal,
+  /// random; estimators pseudo-inverse, map; numbers of components; exposures as below.
+  std::vector<std::string> criteria, estimators;
+  std::vector<int> component_counts, exposure_counts;
   std::vector<int> lights;  ///< numbers of lights reported; empty: 1 … max_lights
   int max_lights = 9;
   bool table1 =
@@ -40,6 +44,8 @@ struct StudyOptions {
   std::filesystem::path out;
   /// [s] of rig time per light (move, settle, bracket) that plots against time assume and state.
   double seconds_per_light = 12;
+  /// A rig file with a session's tables: capture times are then that rig's, by its motion model.
+  std::filesystem::path rig;
 };
 
 struct StudyProgress {

@@ -14,6 +14,7 @@
 #include "study/report.h"
 #include "study/row.h"
 #include "study/scene.h"
+#include "tests/paths.h"
 
 namespace lightrig {
 namespace {
@@ -92,8 +93,9 @@ TEST_F(Study, WritesEveryRowAndAReportThatStandsAlone) {
     EXPECT_EQ(to_csv(*row), line + "\n");
     ++rows;
   }
-  // 3 test materials × 2 splits × (mean + (4 planned + 2 runs × 2 random methods) × 2 counts)
-  EXPECT_EQ(rows, 3 * 2 * (1 + (4 + 4) * 2));
+  // 3 test materials × 2 splits × (mean, all samples + (4 planned + 2 runs × 2 random methods) × 2
+  // counts); these materials do not depend on φd, so that there is no bivariate approximation.
+  EXPECT_EQ(rows, 3 * 2 * (2 + (4 + 4) * 2));
   const std::string html = text_of(options_.out / "report.html");
   EXPECT_THAT(html, testing::HasSubstr("<svg"));
   EXPECT_THAT(html, testing::Not(testing::HasSubstr("http://")));
@@ -114,6 +116,72 @@ TEST_F(Study, OfMergedShardsEqualsTheWholeByteForByte) {
   ASSERT_TRUE(merged.has_value()) << merged.error().message;
   EXPECT_TRUE(merged->complete);
   EXPECT_EQ(text_of(root_ / "merged" / "study.csv"), text_of(options_.out / "study.csv"));
+}
+
+TEST_F(Study, OfAxesIsTheirProductAndTheUsualSettingsGiveTheNamedMethods) {
+  options_.lights = {3};
+  options_.criteria = {"condition", "a-optimal"};
+  options_.estimators = {"map"};
+  options_.component_counts = {3, 8};
+  options_.methods = {"pixels-map"};
+  const StudySummary summary = run(options_);
+  std::map<std::string, std::vector<double>> errors;
+  std::istringstream csv(text_of(options_.out / "study.csv"));
+  std::string line;
+  std::getline(csv, line);
+  while (std::getline(csv, line)) {
+    const StudyRow row = *study_row_from_csv(line);
+    errors[row.method].push_back(row.percent_log);
+  }
+  ASSERT_EQ(errors.size(), 5U);
+  EXPECT_EQ(errors.at("a-optimal:pixels:map:k=3").size(), 6U);
+  // Three components cannot say what eight can.
+  double few = 0, many = 0;
+  for (const double e : errors.at("condition:pixels:map:k=3")) few += e;
+  for (const double e : errors.at("condition:pixels:map:k=8")) many += e;
+  EXPECT_GT(few, many);
+}
+
+TEST_F(Study, RefusesAMethodThatItDoesNotKnowAndSaysWhichThereAre) {
+  options_.methods = {"a-optimal:voxels:map"};
+  const auto refused = run_study(options_, nullptr);
+  ASSERT_FALSE(refused.has_value());
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("\"voxels\" is no kind of point"));
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("paper-map"));
+}
+
+TEST_F(Study, PredictsTheMinutesOfAGivenRigAndTheyGrowWithTheLights) {
+  options_.methods = {"paper-map"};
+  options_.rig = lightrig::test::source_dir + std::string("/config/demo.toml");
+  run(options_);
+  std::map<int, double> seconds;
+  std::istringstream csv(text_of(options_.out / "study.csv"));
+  std::string line;
+  std::getline(csv, line);
+  while (std::getline(csv, line)) {
+    const StudyRow row = *study_row_from_csv(line);
+    seconds[row.lights] = row.capture_s;
+  }
+  EXPECT_GT(seconds.at(1), 0);
+  EXPECT_GT(seconds.at(3), seconds.at(1));
+  const std::string html = text_of(options_.out / "report.html");
+  EXPECT_THAT(html, testing::HasSubstr("motion model of rig"));
+}
+
+TEST_F(Study, ShowsSpheresOfTheTruthAndOfItsEstimates) {
+  options_.methods = {"paper", "a-optimal-map"};
+  run(options_);
+  EXPECT_TRUE(fs::exists(options_.out / "jobs" / "000-sphere.spheres.png"));
+  EXPECT_FALSE(fs::exists(options_.out / "jobs" / "001-sphere.spheres.png"));
+  EXPECT_THAT(text_of(options_.out / "report.html"),
+              testing::HasSubstr("the truth, paper, a-optimal-map"));
+}
+
+TEST(ParetoFront, KeepsWhatNoOtherPointBeats) {
+  const std::vector<std::pair<double, double>> front =
+      pareto_front({{3, 2}, {1, 9}, {2, 10}, {2, 4}, {4, 2}, {5, 1}});
+  const std::vector<std::pair<double, double>> expected = {{1, 9}, {2, 4}, {3, 2}, {5, 1}};
+  EXPECT_EQ(front, expected);
 }
 
 TEST_F(Study, InterruptedGoesOnWithTheJobsThatAreMissingAlone) {
@@ -152,7 +220,7 @@ TEST_F(Study, SaysWhatIsWrongWithItsOptions) {
   };
   StudyOptions bad = options_;
   bad.methods = {"papre"};
-  EXPECT_THAT(message(bad), testing::HasSubstr("no method papre; there are mean, random"));
+  EXPECT_THAT(message(bad), testing::HasSubstr("there are mean, bivariate, all-samples, random"));
   bad = options_;
   bad.objects = {"spheer"};
   EXPECT_THAT(message(bad), testing::HasSubstr("object spheer: neither a built-in shape"));
