@@ -23,6 +23,7 @@ struct BinningSetting {
   ShadowRays rays;
   PointColumns in_view;        ///< points within the camera's grazing limit
   NormalBundles bundles;       ///< of in_view, where the view is the same everywhere; else empty
+  PointColumns sample;         ///< some of in_view, spread over the normals; normals only
   bool one_view = false;       ///< every point is seen from one direction
   Eigen::Vector3d view;        ///< that direction
   int level = vector_level();  ///< of the processor
@@ -37,6 +38,11 @@ struct BinningSetting {
 /// or its row where the light shows one column.
 struct LitPoint {
   std::int32_t point, key;
+};
+
+/// Rows looked for, as what they hold of 4 sin²(θh/2): low ≤ x < high.
+struct RowInterval {
+  double low, high;
 };
 
 /// Memory that one worker uses again for every candidate.
@@ -54,8 +60,14 @@ struct BinningScratch {
   std::vector<std::int32_t> tried;          ///< (cells)
 
   std::vector<double> cosine, least, greatest;  ///< (bundles)
-  std::vector<std::int32_t> wanted, skipped;    ///< (rows): points to find yet, to pass over
-  std::vector<std::uint64_t> wanted_rows;       ///< bits of rows with wanted > 0
+  std::vector<double> may;                      ///< (bundles): open intervals that it may show
+  std::vector<std::int32_t> bundle;             ///< the first `bundles`: those to walk
+  std::size_t bundles = 0;
+  std::vector<double> chords;                 ///< of the points looked at together
+  std::vector<std::uint8_t> open_rows;        ///< (rows + 8): 1 = has statistics and is looked for
+  std::vector<std::uint8_t> shown;            ///< (rows + 8): 1 = a point was found
+  std::vector<RowInterval> intervals;         ///< of 4 sin²(θh/2), that hold the open rows
+  std::vector<std::int32_t> wanted, skipped;  ///< (rows): points to find yet, to pass over
 };
 
 /// Shadow rays for scratch.point; scratch.blocked tells the outcome.

@@ -194,6 +194,20 @@ void add(BinningStatistics& sum, const BinningStatistics& part) {
   sum.rays_left_out += part.rays_left_out;
 }
 
+/// About `size` points, evenly over the order that they are in.
+PointColumns sample_of(const PointColumns& points, std::size_t size) {
+  PointColumns sample;
+  const std::size_t step = std::max<std::size_t>(1, points.size() / size);
+  for (std::size_t i = step / 2; i < points.size(); i += step) {
+    sample.index.push_back(points.index[i]);
+    sample.nx.push_back(points.nx[i]);
+    sample.ny.push_back(points.ny[i]);
+    sample.nz.push_back(points.nz[i]);
+  }
+  sample.pad();
+  return sample;
+}
+
 /// The points within the camera's limit, and whether they are all seen from one direction.
 void gather_in_view(BinningSetting& setting) {
   const SurfacePoints& points = setting.points;
@@ -223,7 +237,10 @@ void gather_in_view(BinningSetting& setting) {
   for (std::size_t i = 0; i < out.size() && setting.one_view; ++i) {
     setting.one_view = out.vx[i] == out.vx[0] && out.vy[i] == out.vy[0] && out.vz[i] == out.vz[0];
   }
-  if (setting.one_view) setting.bundles = bundle_normals(out, 24);
+  if (setting.one_view) {
+    setting.bundles = bundle_normals(out, 32);
+    setting.sample = sample_of(out, 768);
+  }
   out.pad();
 }
 
@@ -246,6 +263,7 @@ BinningResult bin_candidates(const SurfacePoints& points, std::span<const LightP
                          .rays = rays,
                          .in_view = {},
                          .bundles = {},
+                         .sample = {},
                          .view = Eigen::Vector3d::UnitZ()};
   gather_in_view(setting);
   // Each worker appends to its own list; who did which candidate is written down.

@@ -40,8 +40,7 @@ std::vector<double> column_boundaries(const BivariateGrid& grid) {
 
 }  // namespace
 
-BoundarySearch::BoundarySearch(const std::vector<double>& boundary)
-    : count_(static_cast<int>(boundary.size())) {
+BoundarySearch::BoundarySearch(const std::vector<double>& boundary) : bucket_(1) {
   if (boundary.empty()) return;
   const auto bits = [&](std::size_t i) { return std::bit_cast<std::int64_t>(boundary[i]); };
   // As coarse as one boundary per bucket allows.
@@ -55,13 +54,12 @@ BoundarySearch::BoundarySearch(const std::vector<double>& boundary)
   first_ = bits(0) >> shift_;
   const std::int64_t last = bits(boundary.size() - 1) >> shift_;
   CHECK(last - first_ < (std::int64_t{1} << 28));
-  const auto buckets = static_cast<std::size_t>(last - first_ + 1);
-  split_.assign(buckets, std::numeric_limits<double>::infinity());
-  below_.assign(buckets, 0);
+  last_bucket_ = last - first_;
+  bucket_.resize(static_cast<std::size_t>(last_bucket_ + 1));
   for (std::size_t i = 0; i < boundary.size(); ++i) {
     const auto bucket = static_cast<std::size_t>((bits(i) >> shift_) - first_);
-    split_[bucket] = boundary[i];
-    for (std::size_t b = bucket + 1; b < buckets; ++b) ++below_[b];
+    bucket_[bucket].split = boundary[i];
+    for (std::size_t b = bucket + 1; b < bucket_.size(); ++b) ++bucket_[b].below;
   }
 }
 

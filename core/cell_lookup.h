@@ -1,8 +1,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <bit>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "core/bivariate_grid.h"
@@ -17,21 +19,24 @@ class BoundarySearch {
   /// `boundary` strictly ascending, positive and finite.
   explicit BoundarySearch(const std::vector<double>& boundary);
 
-  /// Boundaries at or below x.
+  /// Boundaries at or below x. Without branches: what lies below the first bucket or beyond the
+  /// last one is told apart by the boundaries that these two hold.
   int operator()(double x) const {
     const std::int64_t bucket = (std::bit_cast<std::int64_t>(x) >> shift_) - first_;
-    if (bucket < 0) return 0;
-    if (bucket >= static_cast<std::int64_t>(below_.size())) return count_;
-    const auto i = static_cast<std::size_t>(bucket);
-    return below_[i] + (x >= split_[i] ? 1 : 0);
+    const Bucket& at =
+        bucket_[static_cast<std::size_t>(std::clamp(bucket, std::int64_t{0}, last_bucket_))];
+    return at.below + (x >= at.split ? 1 : 0);
   }
 
  private:
+  struct Bucket {
+    double split = std::numeric_limits<double>::infinity();  ///< the boundary within, if any
+    std::int32_t below = 0;                                  ///< boundaries below the bucket
+  };
+
   int shift_ = 0;
-  std::int64_t first_ = 0;
-  int count_ = 0;
-  std::vector<double> split_;        ///< the boundary within a bucket, or infinity
-  std::vector<std::int32_t> below_;  ///< boundaries below the bucket
+  std::int64_t first_ = 0, last_bucket_ = 0;
+  std::vector<Bucket> bucket_;
 };
 
 /// cell_of(grid, half_diff(n, wi, wo)) without angles: the chords are compared with the grid's

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 
 #include "core/binning_setting.h"
 #include "core/half_diff.h"
@@ -16,94 +17,225 @@ namespace {
 /// Points of one row that a first walk brings along for shadow rays: most rows need no more.
 constexpr std::int32_t first_tries = 4;
 
-void want(BinningScratch& scratch, int row, std::int32_t points, std::int32_t skipped) {
-  const auto r = static_cast<std::size_t>(row);
-  scratch.wanted[r] = points;
-  scratch.skipped[r] = skipped;
-  if (points > 0) scratch.wanted_rows[r / 64] |= std::uint64_t{1} << (r % 64);
-}
-
-/// The first and last wanted row of from … to; none: first > last.
-struct RowRange {
-  int first, last;
+/// One distant light over the points.
+struct View {
+  Eigen::Vector3d l, h;
+  double min_cos_i;
 };
-[[gnu::always_inline]] inline RowRange wanted_between(const std::vector<std::uint64_t>& rows,
-                                                      int from, int to) {
-  RowRange range{to + 1, from - 1};
-  for (int word = from / 64; word <= to / 64; ++word) {
-    std::uint64_t bits = rows[static_cast<std::size_t>(word)];
-    if (word == from / 64) bits &= ~std::uint64_t{0} << (from % 64);
-    if (word == to / 64) bits &= ~std::uint64_t{0} >> (63 - to % 64);
-    if (bits == 0) continue;
-    range.first = std::min(range.first, 64 * word + std::countr_zero(bits));
-    range.last = 64 * word + 63 - std::countl_zero(bits);
-  }
-  return range;
+
+std::uint64_t eight_bytes(const std::uint8_t* from) {
+  std::uint64_t bytes = 0;
+  std::memcpy(&bytes, from, sizeof bytes);
+  return bytes;
 }
 
-/// Walks the bundles whose normals may fill a row that is still wanted, eight points at a time, and
-/// lists their lit points in wanted rows: as many as each row wants after those that it passes
-/// over. What can show nothing new is left out. Returns the points walked.
-[[gnu::always_inline]] inline std::int64_t walk_body(const BinningSetting& setting,
-                                                     const LightPosition& light,
-                                                     const Eigen::Vector3d& h,
-                                                     BinningScratch& scratch,
-                                                     BinningStatistics& statistics) {
-  const CellLookup& lookup = setting.lookup;
-  const PointColumns& points = setting.in_view;
-  const double lx = light.p.x(), ly = light.p.y(), lz = light.p.z();
-  const double hx = h.x(), hy = h.y(), hz = h.z();
-  const double min_cos_i = setting.limits.min_cos_i;
-  std::int64_t walked = 0, lit_points = 0;
-  for (std::size_t b = 0; b < setting.bundles.size(); ++b) {
-    if (!(scratch.cosine[b] > 0) || scratch.cosine[b] < min_cos_i) continue;
-    const int from = lookup.row(scratch.least[b]), to = lookup.row(scratch.greatest[b]);
-    RowRange rows = wanted_between(scratch.wanted_rows, from, to);
-    const auto last = static_cast<std::size_t>(setting.bundles.first[b + 1]);
-    for (auto i = static_cast<std::size_t>(setting.bundles.first[b]);
-         i < last && rows.first <= rows.last; i += lane_width) {
-      const Lanes nx = lanes_at(points.nx.data() + i), ny = lanes_at(points.ny.data() + i),
-                  nz = lanes_at(points.nz.data() + i);
-      const Lanes cos_i = nx * lx + ny * ly + nz * lz;
-      const Lanes x = nx - hx, y = ny - hy, z = nz - hz;
-      const Lanes chord2 = x * x + y * y + z * z;  // half_chord2(), eight times
-      const auto lit = (cos_i > 0) & (cos_i >= min_cos_i);
-      const auto within = lit & (chord2 >= lookup.row_begin(rows.first)) &
-                          (chord2 < lookup.row_begin(rows.last + 1));
-      // What lies beyond `last` belongs to the next bundle.
-      const std::size_t count = std::min<std::size_t>(lane_width, last - i);
-      const unsigned mine = (1U << count) - 1;
-      walked += static_cast<std::int64_t>(count);
-      lit_points += std::popcount(bits_of(lit) & mine);
-      for (unsigned left = bits_of(within) & mine; left != 0; left &= left - 1) {
-        const int lane = std::countr_zero(left);
-        const int row = lookup.row(chord2[lane]);
-        const auto r = static_cast<std::size_t>(row);
-        if (scratch.wanted[r] == 0) continue;
-        if (scratch.skipped[r] > 0) {
-          --scratch.skipped[r];
-          continue;
-        }
-        scratch.lit.push_back({points.index[i + static_cast<std::size_t>(lane)], row});
-        if (--scratch.wanted[r] > 0) continue;
-        scratch.wanted_rows[r / 64] &= ~(std::uint64_t{1} << (r % 64));
-        rows = wanted_between(scratch.wanted_rows, from, to);
-      }
+/// Whether a row of from … to is looked for and not found yet.
+[[gnu::always_inline]] inline bool any_open(const BinningScratch& scratch, int from, int to) {
+  for (int row = from; row <= to; row += 8) {
+    std::uint64_t open =
+        eight_bytes(scratch.open_rows.data() + row) & ~eight_bytes(scratch.shown.data() + row);
+    if (to - row < 7) open &= ~std::uint64_t{0} >> (8 * (7 - (to - row)));
+    if (open != 0) return true;
+  }
+  return false;
+}
+
+/// The rows still open as intervals; those with a row or two between them are one.
+void find_intervals(const BinningSetting& setting, BinningScratch& scratch) {
+  scratch.intervals.clear();
+  const int rows = setting.lookup.grid().n_h;
+  int last = -8;
+  for (int row = 0; row < rows; ++row) {
+    const auto r = static_cast<std::size_t>(row);
+    if (scratch.open_rows[r] == 0 || scratch.shown[r] != 0) continue;
+    const double high = setting.lookup.row_begin(row + 1);
+    if (row - last <= 3) {
+      scratch.intervals.back().high = high;
+    } else {
+      scratch.intervals.push_back({setting.lookup.row_begin(row), high});
+    }
+    last = row;
+  }
+}
+
+/// 4 sin²(θh/2) of points from first on, `dark` where they are not lit: half_chord2(), in a loop
+/// that becomes vectors of the processor's own length.
+constexpr double dark = 8;
+[[gnu::always_inline]] inline void chords_of_lit(const PointColumns& points, std::size_t first,
+                                                 std::size_t count, const View& view,
+                                                 double* __restrict__ chord2) {
+  const double* __restrict__ nx = points.nx.data() + first;
+  const double* __restrict__ ny = points.ny.data() + first;
+  const double* __restrict__ nz = points.nz.data() + first;
+  const double lx = view.l.x(), ly = view.l.y(), lz = view.l.z();
+  const double hx = view.h.x(), hy = view.h.y(), hz = view.h.z();
+  const double min_cos_i = view.min_cos_i;
+  for (std::size_t i = 0; i < count; ++i) {
+    const double cos_i = nx[i] * lx + ny[i] * ly + nz[i] * lz;
+    const double x = nx[i] - hx, y = ny[i] - hy, z = nz[i] - hz;
+    const double all = x * x + y * y + z * z;
+    const double lit = cos_i > 0 ? all : dark;
+    chord2[i] = cos_i >= min_cos_i ? lit : dark;
+  }
+}
+
+/// Marks the rows of points; those that are dark mark the byte after the last row. Returns how many
+/// are lit.
+[[gnu::always_inline]] inline std::int64_t mark(std::span<const double> chord2,
+                                                const CellLookup& lookup, std::uint8_t* shown) {
+  std::int64_t unlit = 0;
+  for (const double c : chord2) {
+    const int skip = c == dark ? 1 : 0;
+    shown[lookup.row(c) + skip] = 1;
+    unlit += skip;
+  }
+  return static_cast<std::int64_t>(chord2.size()) - unlit;
+}
+
+/// The bundles that may be lit and show a row of the open intervals, in scratch.bundle.
+[[gnu::always_inline]] inline void find_bundles(const BinningSetting& setting, const View& view,
+                                                BinningScratch& scratch) {
+  const std::size_t count = setting.bundles.size();
+  const double* __restrict__ cosine = scratch.cosine.data();
+  const double* __restrict__ least = scratch.least.data();
+  const double* __restrict__ greatest = scratch.greatest.data();
+  double* __restrict__ may = scratch.may.data();
+  const double above = std::max(view.min_cos_i, std::numeric_limits<double>::min());
+  for (std::size_t b = 0; b < count; ++b) may[b] = 0;
+  for (const RowInterval& interval : scratch.intervals) {
+    const double low = interval.low, high = interval.high;
+    for (std::size_t b = 0; b < count; ++b) {
+      const double below = least[b] < high ? 1.0 : 0.0;
+      may[b] += greatest[b] >= low ? below : 0.0;
     }
   }
-  statistics.points_tested += lit_points;
-  statistics.back_facing += walked - lit_points;
+  std::int32_t* __restrict__ bundle = scratch.bundle.data();
+  std::size_t found = 0;
+  for (std::size_t b = 0; b < count; ++b) {
+    bundle[found] = static_cast<std::int32_t>(b);
+    found += may[b] > 0 && cosine[b] >= above ? 1 : 0;
+  }
+  scratch.bundles = found;
+}
+
+/// Calls visit(first, count, from, to) for the points of bundles that may show a row of from … to
+/// that is open and not shown yet.
+template <class Visit>
+[[gnu::always_inline]] inline void visit_bundles(const BinningSetting& setting,
+                                                 const BinningScratch& scratch,
+                                                 const Visit& visit) {
+  for (std::size_t i = 0; i < scratch.bundles; ++i) {
+    const auto b = static_cast<std::size_t>(scratch.bundle[i]);
+    const int from = setting.lookup.row(scratch.least[b]);
+    const int to = setting.lookup.row(scratch.greatest[b]);
+    if (!any_open(scratch, from, to)) continue;
+    const auto first = static_cast<std::size_t>(setting.bundles.first[b]);
+    visit(first, static_cast<std::size_t>(setting.bundles.first[b + 1]) - first, from, to);
+  }
+}
+
+/// Marks the rows that lit points show: a sample of the points first, then the bundles that may
+/// show what is missing. Returns the points looked at.
+[[gnu::always_inline]] inline std::int64_t mark_body(const BinningSetting& setting,
+                                                     const View& view, BinningScratch& scratch,
+                                                     BinningStatistics& statistics) {
+  std::int64_t walked = 0, lit = 0;
+  double* chord2 = scratch.chords.data();
+  const auto look_at = [&](const PointColumns& points, std::size_t first, std::size_t count)
+      __attribute__((always_inline)) {
+    chords_of_lit(points, first, count, view, chord2);
+    lit += mark({chord2, count}, setting.lookup, scratch.shown.data());
+    walked += static_cast<std::int64_t>(count);
+  };
+  look_at(setting.sample, 0, setting.sample.size());
+  find_intervals(setting, scratch);
+  find_bundles(setting, view, scratch);
+  visit_bundles(
+      setting,
+      scratch, [&](std::size_t first, std::size_t count, int, int) __attribute__((always_inline)) {
+        look_at(setting.in_view, first, count);
+      });
+  statistics.points_tested += lit;
+  statistics.back_facing += walked - lit;
   return walked;
 }
 
-std::int64_t walk_bundles(const BinningSetting& setting, const LightPosition& light,
-                          const Eigen::Vector3d& h, BinningScratch& scratch,
-                          BinningStatistics& statistics) {
-  scratch.lit.clear();
+/// Lists in scratch.lit the lit points of open rows: as many as each row wants after those that it
+/// passes over. Returns the points looked at.
+[[gnu::always_inline]] inline std::int64_t list_body(const BinningSetting& setting,
+                                                     const View& view, BinningScratch& scratch,
+                                                     BinningStatistics& statistics) {
+  std::int64_t walked = 0, lit = 0;
+  double* chord2 = scratch.chords.data();
+  const auto list = [&](std::size_t first, std::size_t count, int from, int to)
+      __attribute__((always_inline)) {
+    chords_of_lit(setting.in_view, first, count, view, chord2);
+    walked += static_cast<std::int64_t>(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      if (chord2[i] == dark) continue;
+      ++lit;
+      const int row = setting.lookup.row(chord2[i]);
+      if (row < from || row > to) continue;
+      const auto r = static_cast<std::size_t>(row);
+      if (scratch.wanted[r] == 0) continue;
+      if (scratch.skipped[r] > 0) {
+        --scratch.skipped[r];
+        continue;
+      }
+      scratch.lit.push_back({setting.in_view.index[first + i], row});
+      if (--scratch.wanted[r] == 0) scratch.shown[r] = 1;
+    }
+  };
+  find_bundles(setting, view, scratch);
+  visit_bundles(setting, scratch, list);
+  statistics.points_tested += lit;
+  statistics.back_facing += walked - lit;
+  return walked;
+}
+
+std::int64_t mark_rows(const BinningSetting& setting, const View& view, BinningScratch& scratch,
+                       BinningStatistics& statistics) {
   return on_level(
       setting.level, [&]() __attribute__((always_inline)) {
-        return walk_body(setting, light, h, scratch, statistics);
+        return mark_body(setting, view, scratch, statistics);
       });
+}
+
+std::int64_t list_points(const BinningSetting& setting, const View& view, BinningScratch& scratch,
+                         BinningStatistics& statistics) {
+  scratch.lit.clear();
+  find_intervals(setting, scratch);
+  return on_level(
+      setting.level, [&]() __attribute__((always_inline)) {
+        return list_body(setting, view, scratch, statistics);
+      });
+}
+
+/// Fills rows by shadow rays: a few points of each open row first, the others of those rows whose
+/// tries were all blocked. Returns the points looked at.
+std::int64_t fill_by_rays(const BinningSetting& setting, const LightPosition& light,
+                          const View& view, BinningScratch& scratch,
+                          BinningStatistics& statistics) {
+  const auto rows = static_cast<std::size_t>(setting.lookup.grid().n_h);
+  std::int64_t walked = 0;
+  for (const bool first : {true, false}) {
+    bool more = false;
+    for (std::size_t r = 0; r < rows; ++r) {
+      const bool open =
+          scratch.open_rows[r] != 0 && scratch.filled[r] == 0 && (first || scratch.wanted[r] == 0);
+      scratch.open_rows[r] = open ? 1 : 0;
+      scratch.shown[r] = 0;
+      scratch.wanted[r] = !open   ? 0
+                          : first ? first_tries
+                                  : std::numeric_limits<std::int32_t>::max();
+      scratch.skipped[r] = first ? 0 : first_tries;
+      more = more || open;
+    }
+    if (!more) break;
+    walked += list_points(setting, view, scratch, statistics);
+    if (!scratch.lit.empty()) fill_by_needed_rays(setting, light, rows, scratch, statistics);
+  }
+  return walked;
 }
 
 void prepare(const BinningSetting& setting, BinningScratch& scratch) {
@@ -111,10 +243,20 @@ void prepare(const BinningSetting& setting, BinningScratch& scratch) {
   if (scratch.wanted.size() == rows) return;
   scratch.wanted.assign(rows, 0);
   scratch.skipped.assign(rows, 0);
-  scratch.wanted_rows.assign((rows + 63) / 64, 0);
-  scratch.cosine.resize(setting.bundles.size());
-  scratch.least.resize(setting.bundles.size());
-  scratch.greatest.resize(setting.bundles.size());
+  scratch.open_rows.assign(rows + 8, 0);
+  scratch.shown.assign(rows + 8, 0);
+  scratch.intervals.reserve(rows);
+  const std::size_t bundles = setting.bundles.size();
+  for (auto* of_bundle : {&scratch.cosine, &scratch.least, &scratch.greatest, &scratch.may}) {
+    of_bundle->resize(bundles);
+  }
+  scratch.bundle.resize(bundles + 1);
+  std::size_t most = setting.sample.size();
+  for (std::size_t b = 0; b < bundles; ++b) {
+    most = std::max(
+        most, static_cast<std::size_t>(setting.bundles.first[b + 1] - setting.bundles.first[b]));
+  }
+  scratch.chords.resize(most);
 }
 
 }  // namespace
@@ -134,37 +276,23 @@ int fill_one_column(const BinningSetting& setting, const LightPosition& light,
     return 0;
   }
   prepare(setting, scratch);
-  const Eigen::Vector3d h = sum / std::sqrt(s2);
+  const View view{light.p, sum / std::sqrt(s2), setting.limits.min_cos_i};
   const BivariateGrid& grid = setting.lookup.grid();
   const int column = setting.lookup.column(tangent2);
-  const bool rays = setting.casts_rays();
-  std::fill(scratch.wanted_rows.begin(), scratch.wanted_rows.end(), 0);
-  for (int row = 0; row < grid.n_h; ++row) {
-    const bool valid = setting.has_statistics(grid.cell(row, column));
-    want(scratch, row, !valid ? 0 : rays ? first_tries : 1, 0);
+  const auto rows = static_cast<std::size_t>(grid.n_h);
+  for (std::size_t r = 0; r < rows; ++r) {
+    scratch.open_rows[r] = setting.has_statistics(grid.cell(static_cast<int>(r), column)) ? 1 : 0;
+    scratch.shown[r] = 0;
   }
-  bundle_ranges(setting.bundles, light.p, h, scratch.cosine, scratch.least, scratch.greatest,
+  bundle_ranges(setting.bundles, view.l, view.h, scratch.cosine, scratch.least, scratch.greatest,
                 setting.level);
-  std::int64_t walked = walk_bundles(setting, light, h, scratch, statistics);
-  if (!rays) {
-    for (const LitPoint& lit : scratch.lit) scratch.filled[static_cast<std::size_t>(lit.key)] = 1;
+  std::int64_t walked = 0;
+  if (setting.casts_rays()) {
+    walked = fill_by_rays(setting, light, view, scratch, statistics);
   } else {
-    const auto rows = static_cast<std::size_t>(grid.n_h);
-    fill_by_needed_rays(setting, light, rows, scratch, statistics);
-    // Where all points tried are blocked, the row's others are looked up.
-    std::fill(scratch.wanted_rows.begin(), scratch.wanted_rows.end(), 0);
-    bool more = false;
-    for (int row = 0; row < grid.n_h; ++row) {
-      const auto r = static_cast<std::size_t>(row);
-      const bool open = scratch.filled[r] == 0 && scratch.wanted[r] == 0 &&
-                        setting.has_statistics(grid.cell(row, column));
-      want(scratch, row, open ? static_cast<std::int32_t>(in_view) : 0, first_tries);
-      more = more || open;
-    }
-    if (more) {
-      walked += walk_bundles(setting, light, h, scratch, statistics);
-      fill_by_needed_rays(setting, light, rows, scratch, statistics);
-    }
+    walked = mark_rows(setting, view, scratch, statistics);
+    for (std::size_t r = 0; r < rows; ++r)
+      scratch.filled[r] = scratch.shown[r] & scratch.open_rows[r];
   }
   statistics.passed_over += std::max<std::int64_t>(0, in_view - walked);
   return column;

@@ -20,13 +20,6 @@ inline constexpr int lane_width = 8;
 
 using LaneMask [[gnu::vector_size(64)]] = std::int64_t;
 
-/// One bit per lane of a comparison.
-[[gnu::always_inline]] inline unsigned bits_of(const LaneMask& mask) {
-  const LaneMask bits = mask & LaneMask{1, 2, 4, 8, 16, 32, 64, 128};
-  return static_cast<unsigned>(((bits[0] | bits[1]) | (bits[2] | bits[3])) |
-                               ((bits[4] | bits[5]) | (bits[6] | bits[7])));
-}
-
 #if defined(__x86_64__)
 template <class Body>
 [[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] inline auto on_level_4(const Body& body) {
