@@ -19,7 +19,8 @@ namespace lightrig {
 class CandidateGroups {
  public:
   /// Rows are V's, their k-th number times `scale[k]` (empty: 1).
-  CandidateGroups(const BrdfBasis& basis, const CandidateBins& bins, std::span<const double> scale);
+  CandidateGroups(const BrdfBasis& basis, const CandidateBins& bins, std::span<const double> scale,
+                  int threads = 1);
 
   int candidates() const { return static_cast<int>(count_.size()); }
   int groups() const { return groups_; }
@@ -38,6 +39,25 @@ class CandidateGroups {
     return {group_cell_.data() + group_offset_[g], group_cell_.data() + group_offset_[g + 1]};
   }
 
+  /// Packed cells of a group that some of its candidates do not show, and where those that a
+  /// candidate lacks stand among them. Kept where candidates lack little; else empty, and lacking()
+  /// is false.
+  bool lacking(int group) const { return lacking_[static_cast<std::size_t>(group)] != 0; }
+  std::span<const std::int32_t> edge(int group) const {
+    const auto g = static_cast<std::size_t>(group);
+    return {edge_.data() + edge_offset_[g], edge_.data() + edge_offset_[g + 1]};
+  }
+  std::span<const std::int32_t> lacks(int candidate) const {
+    const auto i = static_cast<std::size_t>(candidate);
+    return {lack_.data() + lack_offset_[i], static_cast<std::size_t>(lack_count_[i])};
+  }
+
+  /// All candidates of a group, ascending.
+  std::span<const int> members(int group) const {
+    const auto g = static_cast<std::size_t>(group);
+    return {member_.data() + member_offset_[g], member_.data() + member_offset_[g + 1]};
+  }
+
   /// Marks the cells of candidates as seen; returns the packed cells that were new, until the next
   /// call.
   std::span<const std::int32_t> take(std::span<const int> candidates);
@@ -47,6 +67,7 @@ class CandidateGroups {
 
   const std::vector<std::uint8_t>& seen() const { return seen_; }
   int seen_cells() const { return seen_cells_; }
+  const std::vector<std::uint8_t>& seen_packed() const { return seen_packed_; }
   bool packed_seen(std::int32_t packed) const {
     return seen_packed_[static_cast<std::size_t>(packed)] != 0;
   }
@@ -78,6 +99,9 @@ class CandidateGroups {
   }
   void group(const CandidateBins& bins, const std::vector<std::int32_t>& packed);
   void lay_places();
+  void find_lacks();
+  void leave_out_seen(int group);
+  void sort_entries();
 
   PackedRows rows_;
   std::vector<std::int32_t> grid_cell_;  ///< packed → grid
@@ -87,12 +111,19 @@ class CandidateGroups {
   std::vector<std::uint64_t> hash_;                   ///< (candidates) of fresh(), 0: not known
   std::vector<int> group_of_;
   int groups_ = 0;
+  std::vector<int> member_, member_offset_;
   std::vector<std::int32_t> group_cell_;
   std::vector<std::size_t> group_offset_;
+  std::vector<std::uint8_t> lacking_;  ///< (groups)
+  std::vector<std::int32_t> edge_, lack_;
+  std::vector<std::size_t> edge_offset_, lack_offset_;  ///< (groups + 1), (candidates)
+  std::vector<std::int32_t> lack_count_;                ///< (candidates)
   std::vector<std::uint8_t> seen_, seen_packed_;
   int seen_cells_ = 0;
   std::vector<std::int32_t> taken_;
-  std::vector<Entry> entries_;
+  std::vector<Entry> entries_, changed_, merged_;  ///< sorted by hash, then candidate
+  std::vector<std::uint8_t> first_of_kind_;        ///< (candidates)
+  std::vector<int> next_of_group_;                 ///< (groups)
   Distinct distinct_;
 };
 

@@ -47,7 +47,8 @@ class AOptimalChooser final : public LightChooser {
   AOptimalChooser(const BrdfBasis& basis, const CandidateBins& bins,
                   const SelectionOptions& options)
       : scale_(basis.stddev / options.sigma),
-        groups_(basis, bins, {scale_.data(), static_cast<std::size_t>(scale_.size())}),
+        groups_(basis, bins, {scale_.data(), static_cast<std::size_t>(scale_.size())},
+                std::max(1, options.threads)),
         s_(basis.stddev),
         heads_(heads_of(groups_.rows().k)),
         threads_(std::max(1, options.threads)),
@@ -70,6 +71,10 @@ class AOptimalChooser final : public LightChooser {
   Standing best(const std::vector<std::uint8_t>& open) override;
   void take(std::span<const int> candidates) override;
   Standing standing() const override;
+  Eigen::MatrixXd information() const override {
+    return Eigen::Map<const Eigen::MatrixXd>(gram_.data(), groups_.rows().stride, groups_.rows().k)
+        .topRows(groups_.rows().k);
+  }
   void restart() override;
   const std::vector<std::uint8_t>& seen() const override { return groups_.seen(); }
   const SelectionStatistics& statistics() const override { return statistics_; }

@@ -14,14 +14,6 @@ namespace lightrig {
 
 namespace {
 
-std::vector<std::int32_t> marked(const std::vector<std::uint8_t>& seen) {
-  std::vector<std::int32_t> cells;
-  for (std::size_t c = 0; c < seen.size(); ++c) {
-    if (seen[c] != 0) cells.push_back(static_cast<std::int32_t>(c));
-  }
-  return cells;
-}
-
 /// fit.h's predicted_error_percent at the mean material, for a posterior of MAP. V is orthonormal:
 /// for a plain logarithm the trace of the coefficients is all it takes.
 double percent_of(const BrdfBasis& basis, const Eigen::LLT<Eigen::MatrixXd>& information) {
@@ -39,34 +31,14 @@ double percent_of(const BrdfBasis& basis, const Eigen::LLT<Eigen::MatrixXd>& inf
                                  Eigen::MatrixXd::Zero(basis.components(), columns));
 }
 
-/// What the lights so far say together, carried from light to light: the QR factor of their rows
-/// and MAP's information I + WᵀW, W = G diag(s)/σ.
-class Progress {
+/// The QR factor of the rows of the lights so far, for what the condition criterion's choosers know
+/// themselves.
+class Factor {
  public:
-  Progress(const BrdfBasis& basis, const SelectionOptions& options)
-      : basis_(basis),
-        options_(options),
-        R_(0, basis.components()),
-        information_(Eigen::MatrixXd::Identity(basis.components(), basis.components())) {}
+  explicit Factor(const BrdfBasis& basis) : basis_(basis), R_(0, basis.components()) {}
 
   void add(std::span<const std::int32_t> cells) {
     const Eigen::MatrixXd G = CellRows(basis_).gather(cells);
-    if (G.rows() == 0) return;
-    if (options_.criterion != Criterion::condition) factor(G);
-    const Eigen::MatrixXd Wt = (G * (basis_.stddev / options_.sigma).asDiagonal()).transpose();
-    information_.selfadjointView<Eigen::Lower>().rankUpdate(Wt);
-  }
-
-  /// Not kept under the condition criterion, whose choosers know it themselves.
-  Conditioning conditioning() const {
-    return conditioning_of(singular_values(R_), rows_, basis_.components());
-  }
-  double predicted_error_percent() const {
-    return percent_of(basis_, Eigen::LLT<Eigen::MatrixXd>(information_));
-  }
-
- private:
-  void factor(const Eigen::MatrixXd& G) {
     rows_ += G.rows();
     Eigen::MatrixXd stacked(R_.rows() + G.rows(), G.cols());
     stacked << R_, G;
@@ -78,9 +50,13 @@ class Progress {
     }
   }
 
+  Conditioning conditioning() const {
+    return conditioning_of(singular_values(R_), rows_, basis_.components());
+  }
+
+ private:
   const BrdfBasis& basis_;
-  const SelectionOptions& options_;
-  Eigen::MatrixXd R_, information_;
+  Eigen::MatrixXd R_;
   Eigen::Index rows_ = 0;
 };
 
@@ -92,18 +68,19 @@ bool worth_taking(const SelectionOptions& options, const Standing& before, const
   return next.score <= (1 - options.plateau) * before.score;
 }
 
-SelectedLight reported(const BrdfBasis& basis, const Progress& progress, const Standing& standing,
-                       int new_cells, const SelectionOptions& options) {
+SelectedLight reported(const BrdfBasis& basis, const LightChooser& chooser, const Factor& factor,
+                       const Standing& standing, int new_cells, Criterion criterion) {
   SelectedLight light;
   light.candidate = standing.candidate;
   light.score = standing.score;
   light.new_cells = new_cells;
-  light.predicted_error_percent = progress.predicted_error_percent();
-  if (options.criterion == Criterion::condition) {
+  light.predicted_error_percent =
+      percent_of(basis, Eigen::LLT<Eigen::MatrixXd>(chooser.information()));
+  if (criterion == Criterion::condition) {
     light.rank = standing.rank;
     if (light.rank == basis.components()) light.condition = standing.score;
   } else {
-    const Conditioning found = progress.conditioning();
+    const Conditioning found = factor.conditioning();
     light.rank = found.rank;
     light.condition = found.condition;
   }
@@ -138,9 +115,11 @@ Selection LightPlanner::select(const SelectionOptions& options) {
   for (std::size_t i = 0; i < options.excluded.size(); ++i) {
     if (options.excluded[i] != 0) open[i] = 0;
   }
-  Progress progress(basis_, options);
+  const bool factored = options.criterion != Criterion::condition;
+  Factor factor(basis_);
   Selection selection;
-  selection.mean_only_error_percent = progress.predicted_error_percent();
+  selection.mean_only_error_percent =
+      percent_of(basis_, Eigen::LLT<Eigen::MatrixXd>(chooser_->information()));
   Standing before;
   if (!options.already.empty()) {
     for (const int taken : options.already) {
@@ -148,7 +127,7 @@ Selection LightPlanner::select(const SelectionOptions& options) {
       open[static_cast<std::size_t>(taken)] = 0;
     }
     chooser_->take(options.already);
-    progress.add(marked(chooser_->seen()));
+    if (factored) factor.add(marked(chooser_->seen()));
     before = chooser_->standing();
     if (before.rank > 0 || before.score < std::numeric_limits<double>::infinity()) {
       before.candidate = options.already.back();
@@ -162,11 +141,11 @@ Selection LightPlanner::select(const SelectionOptions& options) {
       break;
     }
     const std::vector<std::int32_t> fresh = unseen(bins_.of(next.candidate), chooser_->seen());
-    progress.add(fresh);
+    if (factored) factor.add(fresh);
     chooser_->take({&next.candidate, 1});
     open[static_cast<std::size_t>(next.candidate)] = 0;
-    selection.lights.push_back(
-        reported(basis_, progress, next, static_cast<int>(fresh.size()), options));
+    selection.lights.push_back(reported(basis_, *chooser_, factor, next,
+                                        static_cast<int>(fresh.size()), options.criterion));
     before = next;
   }
   selection.statistics = chooser_->statistics();

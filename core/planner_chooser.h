@@ -28,6 +28,10 @@ class LightChooser {
   /// How the lights taken stand together; candidate −1, rank 0 where none shows a cell.
   virtual Standing standing() const = 0;
 
+  /// MAP's information of the rows taken, I + WᵀW with W = G diag(s)/σ; (k × k), of which the lower
+  /// triangle counts.
+  virtual Eigen::MatrixXd information() const = 0;
+
   /// Forgets what was taken and counted, and keeps what was prepared.
   virtual void restart() = 0;
 

@@ -1,10 +1,29 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace lightrig {
+
+/// Memory that is not set to 0 before it is written: of megabytes, that would be a pass of its own.
+template <class T>
+struct Uninitialized : std::allocator<T> {
+  template <class U>
+  struct rebind {
+    using other = Uninitialized<U>;
+  };
+  template <class U>
+  void construct(U* at) {
+    ::new (static_cast<void*>(at)) U;
+  }
+  template <class U, class... Arguments>
+  void construct(U* at, Arguments&&... arguments) {
+    ::new (static_cast<void*>(at)) U(std::forward<Arguments>(arguments)...);
+  }
+};
 
 /// Rows of numbers padded with zeros to whole vectors of eight, cell by cell: the memory that the
 /// planner's inner loops run over.
@@ -12,7 +31,7 @@ struct PackedRows {
   int k = 0;         ///< numbers in a row
   int stride = 0;    ///< k rounded up to a multiple of 8
   int per_cell = 1;  ///< rows of one cell, one after another
-  std::vector<double> data;
+  std::vector<double, Uninitialized<double>> data;
 
   const double* of(std::int32_t cell) const {
     return data.data() + static_cast<std::int64_t>(cell) * per_cell * stride;

@@ -32,6 +32,11 @@ class PlainChooser final : public LightChooser {
     }
   }
   Standing standing() const override { return standing_of(seen_, -1); }
+  Eigen::MatrixXd information() const override {
+    const Eigen::MatrixXd W =
+        CellRows(basis_).gather(marked(seen_)) * (basis_.stddev / options_.sigma).asDiagonal();
+    return Eigen::MatrixXd::Identity(W.cols(), W.cols()) + W.transpose() * W;
+  }
   void restart() override {
     std::fill(seen_.begin(), seen_.end(), 0);
     statistics_ = {};
@@ -48,11 +53,7 @@ class PlainChooser final : public LightChooser {
   }
 
   Standing standing_of(const std::vector<std::uint8_t>& all, int candidate) const {
-    std::vector<std::int32_t> cells;
-    for (std::size_t c = 0; c < all.size(); ++c) {
-      if (all[c] != 0) cells.push_back(static_cast<std::int32_t>(c));
-    }
-    const Eigen::MatrixXd G = CellRows(basis_).gather(cells);
+    const Eigen::MatrixXd G = CellRows(basis_).gather(marked(all));
     if (options_.criterion == Criterion::a_optimal) {
       return {candidate, 0, posterior_trace(basis_.stddev, G, options_.sigma)};
     }

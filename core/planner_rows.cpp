@@ -31,6 +31,14 @@ std::vector<std::int32_t> unseen(std::span<const std::int32_t> offered,
   return fresh;
 }
 
+std::vector<std::int32_t> marked(const std::vector<std::uint8_t>& seen) {
+  std::vector<std::int32_t> cells;
+  for (std::size_t c = 0; c < seen.size(); ++c) {
+    if (seen[c] != 0) cells.push_back(static_cast<std::int32_t>(c));
+  }
+  return cells;
+}
+
 Eigen::VectorXd singular_values(const Eigen::MatrixXd& G) {
   if (G.rows() == 0 || G.cols() == 0) return Eigen::VectorXd();
   Eigen::MatrixXd R = G;

@@ -32,6 +32,9 @@ class CellRows {
 std::vector<std::int32_t> unseen(std::span<const std::int32_t> offered,
                                  const std::vector<std::uint8_t>& seen);
 
+/// The cells marked in `seen` (cells), ascending.
+std::vector<std::int32_t> marked(const std::vector<std::uint8_t>& seen);
+
 /// What the numbers of a set of lights say: rank, and κ² or the criterion's own value.
 struct Standing {
   int candidate = -1;  ///< −1: none
