@@ -21,9 +21,11 @@ struct BinningSetting {
   double max_tangent2;  ///< tan² of limits.max_theta_d
   const Occluder& occluder;
   ShadowRays rays;
-  PointColumns in_view;        ///< points within the camera's grazing limit
-  NormalBundles bundles;       ///< of in_view, where the view is the same everywhere; else empty
-  PointColumns sample;         ///< some of in_view, spread over the normals; normals only
+  PointColumns in_view;   ///< points within the camera's grazing limit
+  NormalBundles bundles;  ///< of in_view, where the view is the same everywhere; else empty
+  PointColumns sample;    ///< some of in_view, spread over the normals; normals only
+  std::vector<double>
+      horizon;                 ///< (sample) with shadow rays: a lit point above it is not in shadow
   bool one_view = false;       ///< every point is seen from one direction
   Eigen::Vector3d view;        ///< that direction
   int level = vector_level();  ///< of the processor

@@ -194,18 +194,57 @@ void add(BinningStatistics& sum, const BinningStatistics& part) {
   sum.rays_left_out += part.rays_left_out;
 }
 
+void add_normal(PointColumns& to, const PointColumns& from, std::size_t i) {
+  to.index.push_back(from.index[i]);
+  to.nx.push_back(from.nx[i]);
+  to.ny.push_back(from.ny[i]);
+  to.nz.push_back(from.nz[i]);
+}
+
 /// About `size` points, evenly over the order that they are in.
 PointColumns sample_of(const PointColumns& points, std::size_t size) {
   PointColumns sample;
   const std::size_t step = std::max<std::size_t>(1, points.size() / size);
-  for (std::size_t i = step / 2; i < points.size(); i += step) {
-    sample.index.push_back(points.index[i]);
-    sample.nx.push_back(points.nx[i]);
-    sample.ny.push_back(points.ny[i]);
-    sample.nz.push_back(points.nz[i]);
+  for (std::size_t i = step / 2; i < points.size(); i += step) add_normal(sample, points, i);
+  sample.pad();
+  return sample;
+}
+
+/// The points of each bundle that lie furthest out along their normals: those that the object
+/// itself shades least.
+PointColumns outermost_of(const PointColumns& points, const NormalBundles& bundles,
+                          std::size_t of_each) {
+  PointColumns sample;
+  std::vector<std::pair<double, std::size_t>> outwards;
+  for (std::size_t b = 0; b < bundles.size(); ++b) {
+    outwards.clear();
+    const auto last = static_cast<std::size_t>(bundles.first[b + 1]);
+    for (auto i = static_cast<std::size_t>(bundles.first[b]); i < last; ++i) {
+      outwards.emplace_back(-(points.nx[i] * points.px[i] + points.ny[i] * points.py[i] +
+                              points.nz[i] * points.pz[i]),
+                            i);
+    }
+    const std::size_t count = std::min(of_each, outwards.size());
+    std::partial_sort(outwards.begin(), outwards.begin() + static_cast<std::ptrdiff_t>(count),
+                      outwards.end());
+    for (std::size_t k = 0; k < count; ++k) add_normal(sample, points, outwards[k].second);
   }
   sample.pad();
   return sample;
+}
+
+/// The horizon of each point of the sample.
+void find_horizons(BinningSetting& setting, int threads) {
+  setting.horizon.assign(setting.sample.size(), 0.0);
+  parallel_ranges(static_cast<std::int64_t>(setting.sample.size()), 64, threads,
+                  [&](std::int64_t first, std::int64_t last, int) {
+                    for (auto i = static_cast<std::size_t>(first);
+                         i < static_cast<std::size_t>(last); ++i) {
+                      const Eigen::Index point = setting.sample.index[i];
+                      setting.horizon[i] = setting.occluder.horizon(
+                          setting.points.position.col(point), setting.points.normal.col(point));
+                    }
+                  });
 }
 
 /// The points within the camera's limit, and whether they are all seen from one direction.
@@ -239,7 +278,11 @@ void gather_in_view(BinningSetting& setting) {
   }
   if (setting.one_view) {
     setting.bundles = bundle_normals(out, 32);
-    setting.sample = sample_of(out, 768);
+    if (setting.casts_rays()) {
+      setting.sample = outermost_of(out, setting.bundles, 2);
+    } else {
+      setting.sample = sample_of(out, 768);
+    }
   }
   out.pad();
 }
@@ -264,8 +307,10 @@ BinningResult bin_candidates(const SurfacePoints& points, std::span<const LightP
                          .in_view = {},
                          .bundles = {},
                          .sample = {},
+                         .horizon = {},
                          .view = Eigen::Vector3d::UnitZ()};
   gather_in_view(setting);
+  if (setting.one_view && setting.casts_rays()) find_horizons(setting, threads);
   // Each worker appends to its own list; who did which candidate is written down.
   struct Part {
     std::size_t worker = 0, from = 0, count = 0;

@@ -79,6 +79,21 @@ constexpr double dark = 8;
   }
 }
 
+/// The same for the sample of points with horizons: `dark` where something may be in the way.
+[[gnu::always_inline]] inline void chords_of_sure(const BinningSetting& setting, const View& view,
+                                                  double* __restrict__ chord2) {
+  chords_of_lit(setting.sample, 0, setting.sample.size(), view, chord2);
+  const double* __restrict__ nx = setting.sample.nx.data();
+  const double* __restrict__ ny = setting.sample.ny.data();
+  const double* __restrict__ nz = setting.sample.nz.data();
+  const double* __restrict__ horizon = setting.horizon.data();
+  const double lx = view.l.x(), ly = view.l.y(), lz = view.l.z();
+  for (std::size_t i = 0; i < setting.sample.size(); ++i) {
+    const double cos_i = nx[i] * lx + ny[i] * ly + nz[i] * lz;
+    chord2[i] = cos_i > horizon[i] ? chord2[i] : dark;
+  }
+}
+
 /// Marks the rows of points; those that are dark mark the byte after the last row. Returns how many
 /// are lit.
 [[gnu::always_inline]] inline std::int64_t mark(std::span<const double> chord2,
@@ -167,15 +182,21 @@ template <class Visit>
                                                      BinningStatistics& statistics) {
   std::int64_t walked = 0, lit = 0;
   double* chord2 = scratch.chords.data();
+  const auto open = [&](int row) {
+    const auto r = static_cast<std::size_t>(row);
+    return scratch.open_rows[r] != 0 && scratch.shown[r] == 0;
+  };
   const auto list = [&](std::size_t first, std::size_t count, int from, int to)
       __attribute__((always_inline)) {
+    while (!open(from)) ++from;
+    while (!open(to)) --to;
+    const double low = setting.lookup.row_begin(from), high = setting.lookup.row_begin(to + 1);
     chords_of_lit(setting.in_view, first, count, view, chord2);
     walked += static_cast<std::int64_t>(count);
+    for (std::size_t i = 0; i < count; ++i) lit += chord2[i] < dark ? 1 : 0;
     for (std::size_t i = 0; i < count; ++i) {
-      if (chord2[i] == dark) continue;
-      ++lit;
+      if (!(chord2[i] >= low && chord2[i] < high && chord2[i] < dark)) continue;
       const int row = setting.lookup.row(chord2[i]);
-      if (row < from || row > to) continue;
       const auto r = static_cast<std::size_t>(row);
       if (scratch.wanted[r] == 0) continue;
       if (scratch.skipped[r] > 0) {
@@ -191,6 +212,26 @@ template <class Visit>
   statistics.points_tested += lit;
   statistics.back_facing += walked - lit;
   return walked;
+}
+
+/// Marks the rows that points above their horizons show. Returns the points looked at.
+[[gnu::always_inline]] inline std::int64_t mark_sure_body(const BinningSetting& setting,
+                                                          const View& view, BinningScratch& scratch,
+                                                          BinningStatistics& statistics) {
+  double* chord2 = scratch.chords.data();
+  const std::size_t count = setting.sample.size();
+  chords_of_sure(setting, view, chord2);
+  const std::int64_t lit = mark({chord2, count}, setting.lookup, scratch.shown.data());
+  statistics.points_tested += lit;
+  return lit;
+}
+
+std::int64_t mark_sure(const BinningSetting& setting, const View& view, BinningScratch& scratch,
+                       BinningStatistics& statistics) {
+  return on_level(
+      setting.level, [&]() __attribute__((always_inline)) {
+        return mark_sure_body(setting, view, scratch, statistics);
+      });
 }
 
 std::int64_t mark_rows(const BinningSetting& setting, const View& view, BinningScratch& scratch,
@@ -236,6 +277,13 @@ std::int64_t fill_by_rays(const BinningSetting& setting, const LightPosition& li
     if (!scratch.lit.empty()) fill_by_needed_rays(setting, light, rows, scratch, statistics);
   }
   return walked;
+}
+
+/// Rows that were looked for and shown are filled.
+void take_shown(std::size_t rows, BinningScratch& scratch) {
+  for (std::size_t r = 0; r < rows; ++r) {
+    scratch.filled[r] = scratch.shown[r] & scratch.open_rows[r];
+  }
 }
 
 void prepare(const BinningSetting& setting, BinningScratch& scratch) {
@@ -288,11 +336,12 @@ int fill_one_column(const BinningSetting& setting, const LightPosition& light,
                 setting.level);
   std::int64_t walked = 0;
   if (setting.casts_rays()) {
-    walked = fill_by_rays(setting, light, view, scratch, statistics);
+    walked = mark_sure(setting, view, scratch, statistics);
+    take_shown(rows, scratch);
+    walked += fill_by_rays(setting, light, view, scratch, statistics);
   } else {
     walked = mark_rows(setting, view, scratch, statistics);
-    for (std::size_t r = 0; r < rows; ++r)
-      scratch.filled[r] = scratch.shown[r] & scratch.open_rows[r];
+    take_shown(rows, scratch);
   }
   statistics.passed_over += std::max<std::int64_t>(0, in_view - walked);
   return column;

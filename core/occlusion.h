@@ -41,6 +41,11 @@ class Occluder {
   void blocked(std::span<const Eigen::Vector3d> points, std::span<const Eigen::Vector3d> normals,
                const LightPosition& light, std::span<std::uint8_t> out) const;
 
+  /// How high the mesh rises about a surface point: where n·l is greater, l the unit vector from
+  /// where the point's shadow rays start to the light, blocked() is false without asking. 0 … 1,
+  /// and more where no direction is sure.
+  double horizon(const Eigen::Vector3d& point, const Eigen::Vector3d& normal) const;
+
   /// True when the mesh is closed and convex, so that no lit, camera-facing point can be in shadow.
   bool convex() const;
 

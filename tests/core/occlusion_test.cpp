@@ -6,6 +6,7 @@
 #include <cmath>
 #include <random>
 
+#include "core/shapes.h"
 #include "core/surface_points.h"
 #include "planner_scene.h"
 
@@ -107,6 +108,47 @@ TEST(Occluder, NothingFacingTheLampIsBlockedOnAConvexBody) {
       if (n.dot(light.p) <= 1e-3) continue;
       ASSERT_FALSE(occluder.blocked((a + b + c) / 3, n, light));
     }
+  }
+}
+
+TEST(Occluder, KnowsTheHorizonOfATableByHand) {
+  const Occluder occluder(table_over_floor(1));
+  const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  // Straight under the table top the sky is nowhere sure; on top of it, everywhere.
+  EXPECT_GE(occluder.horizon(Eigen::Vector3d(0.05, 0.05, 0), up), 1);
+  EXPECT_LT(occluder.horizon(Eigen::Vector3d(0, 0, 0.5), up), 0.1);
+  // Beside it: the top's nearest edge is 0.6 away and 0.5 high. No lower, and not much higher.
+  const double sine = 0.5 / std::hypot(0.6, 0.5);
+  const double found = occluder.horizon(Eigen::Vector3d(0.8, 0, 0), up);
+  EXPECT_GT(found, sine);
+  EXPECT_LT(found, 1.25 * sine);
+}
+
+TEST(Occluder, BlocksNothingAboveAHorizon) {
+  const Mesh torus = make_torus(0.7, 0.3, 2), teapot = make_teapot(1, 1);
+  for (const Mesh& mesh : {torus, teapot}) {
+    const Occluder occluder(mesh);
+    std::mt19937_64 random(11);
+    std::normal_distribution<double> normal;
+    int sure = 0, blocked = 0;
+    for (Eigen::Index i = 0; i < mesh.vertices.cols(); i += 3) {
+      const Eigen::Vector3d p = mesh.vertices.col(i), n = mesh.normals.col(i);
+      const double horizon = occluder.horizon(p, n);
+      for (int k = 0; k < 40; ++k) {
+        Eigen::Vector3d l(normal(random), normal(random), normal(random));
+        l.normalize();
+        if (n.dot(l) < 0) l = -l;
+        const bool shaded = occluder.blocked(p, n, {true, l});
+        if (n.dot(l) > horizon) {
+          ++sure;
+          ASSERT_FALSE(shaded) << "vertex " << i << ", n·l " << n.dot(l) << " above " << horizon;
+        } else {
+          blocked += shaded ? 1 : 0;
+        }
+      }
+    }
+    EXPECT_GT(sure, 1000);
+    EXPECT_GT(blocked, 1000);
   }
 }
 
