@@ -85,4 +85,10 @@ void refine_least_by_factor(std::vector<double>& x, std::span<const double> R, i
   }
 }
 
+double condition_bound(double low, double high, int k) {
+  const double rounding = k * std::numeric_limits<double>::epsilon();
+  const double least = std::sqrt(low) + rounding * std::sqrt(high);
+  return (1 - 1e-11) * high / (least * least);
+}
+
 }  // namespace lightrig

@@ -40,4 +40,8 @@ bool refine_least(std::vector<double>& x, double top, int k, int stride, int ite
 void refine_least_by_factor(std::vector<double>& x, std::span<const double> R, int k, int stride,
                             PairWork& work, int level);
 
+/// Lower bound of κ² = λmax/λmin from an upper bound of λmin and a lower one of λmax of a matrix of
+/// k components, both sums of squares, with room for their rounding.
+double condition_bound(double low, double high, int k);
+
 }  // namespace lightrig

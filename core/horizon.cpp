@@ -70,8 +70,8 @@ void HorizonTree::Spheres::add(const Eigen::Vector3d& centre, double sphere_radi
 
 HorizonTree::HorizonTree(const Eigen::Matrix3Xd& vertices, const Eigen::Matrix3Xi& triangles)
     : vertices_(vertices), triangles_(triangles), level_(vector_level()) {
-  if (vertices.cols() == 0) return;
   sort_vertices(vertices);
+  if (order_.empty()) return;
   find_edges(vertices, triangles);
   build_spheres();
 }
@@ -79,17 +79,24 @@ HorizonTree::HorizonTree(const Eigen::Matrix3Xd& vertices, const Eigen::Matrix3X
 /// Along a Morton curve: what is near stays together.
 void HorizonTree::sort_vertices(const Eigen::Matrix3Xd& vertices) {
   const auto n = static_cast<std::size_t>(vertices.cols());
-  const Eigen::Vector3d least = vertices.rowwise().minCoeff();
-  const double size = std::max((vertices.rowwise().maxCoeff() - least).maxCoeff(), 1e-300);
-  std::vector<std::uint32_t> code(n);
+  // What is not a number blocks nothing and lies nowhere.
   for (std::size_t i = 0; i < n; ++i) {
+    if (vertices.col(static_cast<Eigen::Index>(i)).allFinite()) {
+      order_.push_back(static_cast<std::int32_t>(i));
+    }
+  }
+  if (order_.empty()) return;
+  const Eigen::Vector3d least = vertices(Eigen::all, order_).rowwise().minCoeff();
+  const Eigen::Vector3d most = vertices(Eigen::all, order_).rowwise().maxCoeff();
+  const double size = std::max((most - least).maxCoeff(), 1e-300);
+  std::vector<std::uint32_t> code(n);
+  for (const std::int32_t v : order_) {
+    const auto i = static_cast<std::size_t>(v);
     for (int axis = 0; axis < 3; ++axis) {
       const double at = (vertices(axis, static_cast<Eigen::Index>(i)) - least[axis]) / size;
       code[i] |= spread(static_cast<std::uint32_t>(std::clamp(at * 1023.0, 0.0, 1023.0))) << axis;
     }
   }
-  order_.resize(n);
-  std::iota(order_.begin(), order_.end(), 0);
   std::sort(order_.begin(), order_.end(), [&](std::int32_t a, std::int32_t b) {
     const auto i = static_cast<std::size_t>(a), j = static_cast<std::size_t>(b);
     return code[i] != code[j] ? code[i] < code[j] : a < b;
@@ -121,7 +128,7 @@ void HorizonTree::find_edges(const Eigen::Matrix3Xd& vertices, const Eigen::Matr
   }
   // The last vertex again and again, to whole groups: no loop has an end of its own.
   const std::size_t in_group = vertices_in_cluster * clusters_in_group;
-  order_.resize((n + in_group - 1) / in_group * in_group, order_.back());
+  order_.resize((order_.size() + in_group - 1) / in_group * in_group, order_.back());
   for (const std::int32_t v : order_) {
     points_.add(vertices.col(v), 0, edge2[static_cast<std::size_t>(v)]);
   }
