@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -8,6 +9,7 @@
 #include "core/candidate_bins.h"
 #include "core/merge_hdr.h"
 #include "core/mesh_repair.h"
+#include "core/planner.h"
 #include "core/route.h"
 #include "core/shapes.h"
 #include "sim/gantry_dynamics.h"
@@ -35,6 +37,24 @@ std::vector<std::int32_t> cells_seen(const Mesh& mesh, double size, bool distant
   const Occluder occluder(mesh);
   return bin_candidates(points, lights, {}, {}, GrazingLimits{}, occluder, ShadowRays::needed, 1)
       .bins.cell;
+}
+
+/// Cells that lights straight and nearly straight behind a ball show.
+double cells_from_behind(bool distant) {
+  const Mesh ball = make_sphere(1.0, 1);
+  SurfacePoints points;
+  points.position = ball.vertices;
+  points.normal = ball.normals;
+  points.view = Eigen::Vector3d::UnitZ().replicate(1, ball.vertices.cols());
+  std::vector<LightPosition> lights;
+  for (const double aside : {0.0, 1e-12, 1e-3}) {
+    const Eigen::Vector3d d = Eigen::Vector3d(aside, 0, -1).normalized();
+    lights.push_back({distant, distant ? d : Eigen::Vector3d(3 * d)});
+  }
+  const Occluder occluder(ball);
+  return static_cast<double>(
+      bin_candidates(points, lights, {}, {}, GrazingLimits{}, occluder, ShadowRays::needed, 1)
+          .bins.cell.size());
 }
 
 /// How many places of two lists of cells differ, or the longer length where lengths do.
@@ -87,6 +107,15 @@ std::vector<StabilityCase> geometry_cases() {
                                          distant ? "distant" : "near"),
                              0, differences(expected, found), 0, 0));
     }
+  }
+  const Mesh plane = make_plane(1.0, 1.0, 4);
+  cases.push_back(judged("geometry", "a true plane: each of 40 distant lights shows one cell", 40,
+                         static_cast<double>(cells_seen(plane, 1, true).size()), 0, 0));
+  for (const bool distant : {true, false}) {
+    cases.push_back(
+        judged("geometry",
+               fmt::format("{} lights behind the object: no cell", distant ? "distant" : "near"), 0,
+               cells_from_behind(distant), 1, 0));
   }
   Mesh broken = make_sphere(1.0, 1);
   const Eigen::Index t = broken.triangles.cols(), v = broken.vertices.cols();
@@ -150,6 +179,21 @@ std::vector<StabilityCase> material_cases() {
                          1 + (VtV - Eigen::MatrixXd::Identity(k, k)).norm(), 1, 1e-12));
   cases.push_back(judged("materials", "ln of 0 is ln of the floor", std::log(options.floor),
                          map_value(basis->mapping, 3, 0.0), std::log(0.0), 0));
+  cases.push_back(judged("materials", "K = materials - 1", 4, static_cast<double>(k), 5, 0));
+  CandidateBins bins{grid, {0}, {}};
+  for (int c = 0; c < grid.cells() / 2; ++c) {
+    if (basis->valid[static_cast<std::size_t>(c)] != 0) bins.cell.push_back(c);
+  }
+  bins.offset.push_back(static_cast<std::int64_t>(bins.cell.size()));
+  Eigen::MatrixXd G(static_cast<Eigen::Index>(bins.cell.size()), k);
+  for (Eigen::Index r = 0; r < G.rows(); ++r) {
+    G.row(r) = basis->V.row(basis->row(bins.cell[static_cast<std::size_t>(r)], 0));
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(G.transpose() * G);
+  cases.push_back(judged("materials", "K = materials - 1: condition of half the table",
+                         reference_condition(G).condition,
+                         conditioning(*basis, bins, std::vector<int>{0}).condition,
+                         eigen.eigenvalues()[k - 1] / eigen.eigenvalues()[0], 1e-9));
   // Coefficients far outside the training range: exponents are clipped, and counted.
   int clipped = 0;
   const BrdfTable wild = evaluate(*basis, Eigen::MatrixXd::Constant(k, 1, 1e6), &clipped);
@@ -219,6 +263,21 @@ std::vector<StabilityCase> motion_cases() {
                  fmt::format("arm of {:.0e} Hz, damping {}, one step of 1 s", frequency, damping),
                  reference, state.deflection, q, 1e-9 + 1e-15 * phase));
     }
+  }
+  // A drive's ramp of half a second up and part of the way down; the arm from a thousandth of the
+  // ramp's rate to a million times as fast. Superposed: the push at 0, less twice that at the turn.
+  for (const double ratio : {1e-3, 1.0, 1e3, 1e6}) {
+    const double ramp = 0.5, down = 0.2, frequency = ratio / ramp, damping = 0.02;
+    const double reference = reference_arm(frequency, damping, 2.0, ramp + down) -
+                             2 * reference_arm(frequency, damping, 2.0, down);
+    const sim::ArmModel arm{frequency, damping};
+    const sim::ArmState top = sim::arm_after(arm, {}, 2.0, ramp);
+    const double w = 2 * std::numbers::pi * frequency;
+    const double phase = w * (ramp + down) * std::exp(-std::min(700.0, damping * w * down));
+    cases.push_back(judged(
+        "motion", fmt::format("arm frequency times the drive's ramp of 0.5 s: {:.0e}", ratio),
+        reference, sim::arm_after(arm, top, -2.0, down).deflection, -2.0 / (w * w),
+        1e-9 + 1e-15 * phase));
   }
   GantryModel gantry;
   gantry.kinematics = DomeKinematics{Eigen::Vector3d::Zero(), 1.0};
