@@ -22,7 +22,7 @@ namespace lightrig {
 
 /// A GigE Vision camera through Aravis.
 struct AravisCamera {
-  std::string id;            ///< Aravis id ("Vendor-Serial"), serial, or IP address
+  std::string id;  ///< IPv4 address, or Aravis id, serial number or MAC to be searched for
   std::string interface_ip;  ///< optional: the host's address to use; "" lets Aravis choose
   std::string
       pixel_format;  ///< e.g. "Mono12", "BayerRG12Packed"; "" derives it from filter and bits
@@ -30,7 +30,7 @@ struct AravisCamera {
   int packet_size = 0;                   ///< [byte], 0 negotiates
   int socket_buffer_bytes = 8 << 20;
   bool packet_socket = false;
-  int port = 3956;  ///< GVCP port; other than 3956 only against a simulator
+  int port = 3956;  ///< GVCP port: the standard's, and the only one that Aravis asks
   std::map<std::string, std::string>
       features;  ///< GenICam features set after opening, in name order
 };

@@ -76,6 +76,8 @@ struct Devices {
 
 /// Opens the hardware that the rig file names, and nothing else.
 Result<Devices> open_devices(const Rig& rig, Clock& clock);
+/// The rig's camera alone.
+Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, Clock& clock);
 
 /// A camera that answered discovery.
 struct FoundCamera {

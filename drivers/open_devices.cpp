@@ -47,11 +47,17 @@ Result<Devices> open_devices(const Rig& rig, Clock& clock) {
     if (!lamp) return tl::unexpected(with_context("open lamp", lamp.error()));
     devices.lamp = std::move(*lamp);
   }
+  auto camera = open_camera(rig, clock);
+  if (!camera) return tl::unexpected(camera.error());
+  devices.camera = std::move(*camera);
+  return devices;
+}
+
+Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, Clock& clock) {
   auto camera = std::visit([&](const auto& backend) { return open_camera(rig, backend, clock); },
                            rig.camera.backend);
   if (!camera) return tl::unexpected(with_context("open camera", camera.error()));
-  devices.camera = std::move(*camera);
-  return devices;
+  return camera;
 }
 
 Result<void> make_safe(const Rig& rig, Clock& clock) {

@@ -105,12 +105,17 @@ void World::gantry_commanded() { requests_.clear(); }
 Result<TimePoint> World::start_homing() {
   const std::lock_guard lock(mutex_);
   if (auto allowed = may_move(); !allowed) return tl::unexpected(allowed.error());
+  gantry_commanded();
+  return seek_home();
+}
+
+/// Homing ends at its switches, wherever it comes from.
+TimePoint World::seek_home() {
   GantryPosition home;
   home.axes.resize(static_cast<Eigen::Index>(rig_.gantry.model.axes.size()));
   for (std::size_t i = 0; i < rig_.gantry.model.axes.size(); ++i) {
     home.axes[static_cast<Eigen::Index>(i)] = rig_.gantry.model.axes[i].home;
   }
-  gantry_commanded();
   homed_from_ = dynamics_.move(clock_.now(), home, homing_speed_share);
   return *homed_from_;
 }
@@ -197,6 +202,7 @@ void World::slip(std::size_t axis, double by) {
   AxisValues shift = AxisValues::Zero(static_cast<Eigen::Index>(rig_.gantry.model.axes.size()));
   shift[static_cast<Eigen::Index>(axis)] = by;
   dynamics_.displace(shift);
+  if (homed_from_ && clock_.now() < *homed_from_) seek_home();
 }
 
 void World::set_lamp_gain(double gain) {
@@ -233,6 +239,13 @@ PacketWeather World::packet_weather() const {
 // --- lamp
 
 Result<void> World::set_lamp(double power) {
+  if (auto set = switch_lamp(power); !set) return set;
+  const std::lock_guard lock(mutex_);
+  lamp_until_ = clock_.now() + rig_.lamp.max_on_time;
+  return {};
+}
+
+Result<void> World::switch_lamp(double power) {
   const std::lock_guard lock(mutex_);
   if (!(power >= 0 && power <= rig_.lamp.max_power)) {
     return fail(ErrorCode::refused,
@@ -240,7 +253,7 @@ Result<void> World::set_lamp(double power) {
                             rig_.lamp.max_power));
   }
   lamp_power_ = power == 0 ? 0 : power;  // −0 would be another key for the same darkness
-  lamp_until_ = clock_.now() + rig_.lamp.max_on_time;
+  lamp_until_ = TimePoint::max();
   return {};
 }
 

@@ -85,6 +85,8 @@ class World {
 
   // --- lamp: a lease that goes dark by itself after max_on_time without renewal.
   Result<void> set_lamp(double power);  ///< Refused outside 0 … max_power.
+  /// The same through an output at the end of a wire, which knows of no lease.
+  Result<void> switch_lamp(double power);
   double lamp_power() const;
 
   // --- camera
@@ -116,6 +118,7 @@ class World {
   Result<void> may_move() const;
   bool homed_at(TimePoint time) const;
   void gantry_commanded();
+  TimePoint seek_home();
   LightPosition true_light(const GantryMotionState& motion) const;
   const Renderer& renderer_at(double turn);
   std::vector<std::uint64_t> position_words(const GantryPosition& drives) const;

@@ -4,9 +4,12 @@
 
 #include <algorithm>
 #include <chrono>
+#include <condition_variable>
+#include <mutex>
 
 #include "core/gantry_model.h"
 #include "daemon/session/lay_candidates.h"
+#include "sim/memory_devices.h"
 #include "sim/open_devices.h"
 #include "sim/sim_clock.h"
 #include "sim/world.h"
@@ -34,6 +37,34 @@ std::string obstacle(const GantryStatus& status) {
   return {};
 }
 
+/// Devices being opened on a thread of their own, and whoever waits for them.
+class Opening {
+ public:
+  bool is_left() {
+    const std::lock_guard lock(mutex_);
+    return left_;
+  }
+  /// Nobody waits any more: the devices are destroyed here, on the thread that opened them.
+  void done(Result<Devices> opened) {
+    const std::lock_guard lock(mutex_);
+    if (left_) return;
+    opened_ = std::move(opened);
+    woken_.notify_all();
+  }
+  Result<Devices> wait(const std::stop_token& stop) {
+    std::unique_lock lock(mutex_);
+    if (woken_.wait(lock, stop, [this] { return opened_.has_value(); })) return std::move(*opened_);
+    left_ = true;
+    return fail(ErrorCode::stopped, "open the devices: stopped on request");
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable_any woken_;
+  std::optional<Result<Devices>> opened_;
+  bool left_ = false;
+};
+
 }  // namespace
 
 RigAccess::RigAccess(const Rig& rig, bool simulate, double clock_rate)
@@ -58,7 +89,7 @@ Result<RigFacts> RigAccess::open(const ObjectConfig& object, const std::stop_tok
     if (!world) return tl::unexpected(with_context("simulate the rig", world.error()));
     world_ = std::move(*world);
   }
-  auto opened = reopen();
+  auto opened = reopen(Reopen::everything, {}, stop);
   if (!opened) return tl::unexpected(opened.error());
   devices_ = std::move(*opened);
   if (auto dark = devices_->lamp->set(0, within(answer_time, stop)); !dark) {
@@ -70,8 +101,36 @@ Result<RigFacts> RigAccess::open(const ObjectConfig& object, const std::stop_tok
   return now;
 }
 
-Result<Devices> RigAccess::reopen() {
-  return simulate_ ? sim::open_devices(rig_, world_) : open_devices(rig_, *clock_);
+Result<Devices> RigAccess::open_now(Reopen what) {
+  if (what == Reopen::everything)
+    return simulate_ ? sim::open_devices(rig_, world_) : open_devices(rig_, *clock_);
+  Devices only;
+  if (simulate_) {
+    only.camera = sim::make_camera(world_);
+    return only;
+  }
+  auto camera = open_camera(rig_, *clock_);
+  if (!camera) return tl::unexpected(camera.error());
+  only.camera = std::move(*camera);
+  return only;
+}
+
+Result<Devices> RigAccess::reopen(Reopen what, std::unique_ptr<Camera> old,
+                                  const std::stop_token& stop) {
+  if (simulate_) {
+    old.reset();
+    return open_now(what);
+  }
+  auto opening = std::make_shared<Opening>();
+  opening_ = std::jthread(
+      [this, what, opening, old = std::move(old), earlier = std::move(opening_)]() mutable {
+        if (earlier.joinable()) earlier.join();
+        old.reset();
+        Result<Devices> opened = fail(ErrorCode::stopped, "open the devices: stopped on request");
+        if (!opening->is_left()) opened = open_now(what);
+        opening->done(std::move(opened));
+      });
+  return opening->wait(stop);
 }
 
 void RigAccess::set_take(std::uint64_t take) {
@@ -79,11 +138,13 @@ void RigAccess::set_take(std::uint64_t take) {
 }
 
 bool RigAccess::close() {
+  lamp_until_.reset();
   if (!devices_) return true;
   // A lamp that could not be reopened is beyond us. The stop that ends a session must not keep it
   // from going dark: a token of its own.
-  const bool dark =
-      devices_->lamp != nullptr && devices_->lamp->set(0, within(answer_time, {})).has_value();
+  const bool dark = devices_->lamp ? devices_->lamp->set(0, within(answer_time, {})).has_value()
+                                   : lamp_left_dark_;
+  lamp_left_dark_ = false;
   devices_.reset();
   return dark;
 }
@@ -124,11 +185,22 @@ Result<LampState> RigAccess::set_lamp(double power, const std::stop_token& stop)
   if (!status) return tl::unexpected(with_context("set the lamp", status.error()));
   if (const std::string why = obstacle(*status); power > 0 && !why.empty())
     return fail(ErrorCode::refused, "set the lamp: " + why);
+  // From here on, whatever becomes of the call.
+  if (power > 0) lamp_until_ = clock_->now() + rig_.lamp.max_on_time;
   if (auto set = devices_->lamp->set(power, within(answer_time, stop)); !set)
     return tl::unexpected(with_context("set the lamp", set.error()));
+  if (power == 0) lamp_until_.reset();
   auto state = devices_->lamp->state(within(answer_time, stop));
   if (!state) return tl::unexpected(with_context("ask the lamp how it is", state.error()));
   return state;
+}
+
+Result<void> RigAccess::heed_lease() {
+  if (!devices_ || !lamp_until_ || clock_->now() < *lamp_until_) return {};
+  if (auto dark = devices_->lamp->set(0, within(answer_time, {})); !dark)
+    return tl::unexpected(with_context("end the lamp's lease", dark.error()));
+  lamp_until_.reset();
+  return {};
 }
 
 Result<Frame> RigAccess::expose(double seconds, const std::stop_token& stop) {

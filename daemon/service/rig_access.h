@@ -4,10 +4,12 @@
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "config/rig.h"
 #include "core/result.h"
+#include "daemon/session/session.h"
 #include "drivers/devices.h"
 
 namespace lightrig {
@@ -38,6 +40,8 @@ class RigAccess {
 
   /// Lamp dark, motion stopped, devices given back. True if the lamp is known to be dark.
   bool close();
+  /// What a session knows of a lamp whose wire it has lost: close() can only say as much.
+  void remember_lamp(bool dark) { lamp_left_dark_ = dark; }
   bool is_open() const { return devices_.has_value(); }
 
   Result<RigFacts> facts(const std::stop_token& stop);
@@ -53,11 +57,16 @@ class RigAccess {
   /// max_on_time. Errors: refused beyond the rig's max_power, or with an interlock open; those of
   /// the lamp.
   Result<LampState> set_lamp(double power, const std::stop_token& stop);
+  /// Makes the lamp dark once its lease is over: an output at the end of a wire knows of none. To
+  /// be called every few seconds while nothing else is done.
+  Result<void> heed_lease();
   /// One frame where the gantry stands, the lamp as it is. Errors: those of the camera.
   Result<Frame> expose(double seconds, const std::stop_token& stop);
 
-  /// The devices opened anew, for a session whose wire broke; the old ones are gone by then.
-  Result<Devices> reopen();
+  /// Devices opened anew, for a session whose wire broke. Opening real devices may block for
+  /// seconds: a stop returns at once with `stopped`, and what comes of it is closed again before
+  /// anything else is opened.
+  Result<Devices> reopen(Reopen what, std::unique_ptr<Camera> old, const std::stop_token& stop);
 
   /// A simulated rig makes new noise when a shot is taken anew.
   void set_take(std::uint64_t take);
@@ -68,6 +77,7 @@ class RigAccess {
 
  private:
   Result<void> forbidden(const GantryStatus& now, const GantryPosition& target) const;
+  Result<Devices> open_now(Reopen what);
   Until within(std::chrono::nanoseconds time, const std::stop_token& stop) const;
 
   const Rig& rig_;
@@ -75,6 +85,9 @@ class RigAccess {
   std::unique_ptr<Clock> clock_;
   std::shared_ptr<sim::World> world_;  ///< of a simulated rig; its devices share it
   std::optional<Devices> devices_;
+  bool lamp_left_dark_ = false;
+  std::optional<TimePoint> lamp_until_;  ///< while set_lamp() has it lit
+  std::jthread opening_;  ///< last: it uses the clock; the one before it is its own to wait for
 };
 
 }  // namespace lightrig

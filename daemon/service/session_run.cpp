@@ -158,9 +158,12 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
       [this](const SessionProgress& progress) { on_progress(progress); },
       [this](const Frame& frame, const std::string& shot) { on_frame(frame, shot); },
       [this](const std::string&, std::uint64_t take) { access_.set_take(take); }};
-  const SessionEnd end =
-      capture(folder, settings_.rig, spec, prepared, access_.devices(), access_.clock(), control,
-              listeners, [this] { return access_.reopen(); });
+  const SessionEnd end = capture(
+      folder, settings_.rig, spec, prepared, access_.devices(), access_.clock(), control, listeners,
+      [this](Reopen what, std::unique_ptr<Camera> old, const std::stop_token& stop) {
+        return access_.reopen(what, std::move(old), stop);
+      });
+  access_.remember_lamp(!end.lamp_may_be_on);
   return finish_session(control, folder, end);
 }
 

@@ -96,6 +96,11 @@ void Service::idle_check() {
     before = facts_;
   }
   liveness_.promise(short_promise);
+  if (auto dark = access_.heed_lease(); !dark) {
+    lamp_unsure(true);
+    apply(Event::fault, dark.error().message);
+    return;
+  }
   const auto now = access_.facts({});
   if (!now) {
     apply(Event::fault, "the rig no longer answers: " + now.error().message);

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <system_error>
 
@@ -13,7 +14,10 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds interlock_calm{2000};    ///< an input must stay closed this long
 constexpr milliseconds longest_backoff{30000};  ///< between tries when space seems there but is not
-constexpr int most_rehomings = 1;               ///< beside the homing a session begins with
+/// [s] before each try to open the devices again: a cable that is pulled comes back, a controller
+/// restarts, a camera's privilege lapses with the heartbeat of whoever took it.
+constexpr std::array reopen_pauses{0.0, 2.0, 6.0};
+constexpr int most_rehomings = 1;  ///< beside the homing a session begins with
 /// Beyond the frames in hand: journal lines, sidecars, and what a file system keeps for itself.
 constexpr std::uintmax_t spare_bytes = 256 * 1024;
 
@@ -65,7 +69,9 @@ Result<void> CaptureRun::recover(const std::string& step, Error error, RetryTall
     if (remedy == Remedy::wait_for_space) {
       mended = wait_for_space();
     } else {
-      if (remedy == Remedy::reopen) mended = hand_.reopen(t_.reopen);
+      // With the devices closed there is nothing left to be tried.
+      if (remedy == Remedy::reopen)
+        if (auto opened = reopen(); !opened) return opened;
       if (mended) mended = look(remedy == Remedy::mend ? std::optional(error) : std::nullopt);
     }
     if (mended && remedy == Remedy::mend) return note("retry", retry);
@@ -74,6 +80,21 @@ Result<void> CaptureRun::recover(const std::string& step, Error error, RetryTall
     error = mended.error();
     if (same && remedy == Remedy::mend) return mended;
   }
+}
+
+/// Opens the devices again, in several tries.
+Result<void> CaptureRun::reopen() {
+  Result<void> opened;
+  double waited = 0;
+  for (const double pause : reopen_pauses) {
+    waited += pause;
+    if (auto slept = hand_.sleep(pause); !slept) return slept;
+    opened = hand_.reopen(t_.reopen);
+    if (opened || opened.error().code == ErrorCode::stopped) return opened;
+  }
+  return fail(opened.error().code,
+              fmt::format("{} (tried {} times in {:.0f} s)", opened.error().message,
+                          reopen_pauses.size(), waited));
 }
 
 /// Reads the gantry's status before anything is done anew, and puts right what may be put right

@@ -346,7 +346,7 @@ SessionEnd CaptureRun::finish(const Result<Ending>& ending) {
 /// Whether the lamp is dark; opens its wire anew if that is what it takes.
 bool CaptureRun::end_dark() {
   auto dark = hand_.lamp_dark();
-  if (!dark && !hand_.lamp_known_dark() && t_.reopen) dark = hand_.reopen(t_.reopen);
+  if (!dark && !hand_.lamp_known_dark() && t_.reopen) dark = hand_.reopen(t_.reopen, true);
   if (!dark) dark_problem_ = dark.error();
   return hand_.lamp_known_dark();
 }

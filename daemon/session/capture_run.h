@@ -88,6 +88,7 @@ class CaptureRun {
   template <class Attempt>
   auto persevere(const std::string& step, Attempt attempt) -> decltype(attempt());
   Result<void> recover(const std::string& step, Error error, RetryTally& tally);
+  Result<void> reopen();
   Result<void> look(const std::optional<Error>& unless_mended);
   Result<void> pause_for_person();
   Result<void> pause_for_interlocks(const std::vector<std::string>& names);

@@ -131,6 +131,9 @@ Result<void> CaptureRun::still_in_place(const GantryPosition& target) {
 
 Result<TakenFrame> CaptureRun::take(const std::string& folder, const std::string& name,
                                     const std::string& role, double exposure) {
+  // After a failure it may not be known whether the lamp obeyed.
+  if ((role == "dark" || role == "ambient") && !hand_.lamp_known_dark())
+    if (auto dark = hand_.lamp_dark(); !dark) return tl::unexpected(dark.error());
   auto frame = hand_.expose(exposure);
   if (!frame) return tl::unexpected(frame.error());
   return TakenFrame{std::move(*frame), fmt::format("frames/{}/{}.exr", folder, name), role,

@@ -244,19 +244,30 @@ Result<void> DeviceHand::lamp_dark() {
   return tl::unexpected(with_context("switch the lamp off", set.error()));
 }
 
-Result<void> DeviceHand::reopen(const ReopenDevices& reopen) {
-  if (lamp_ == LampKnown::on) lamp_ = LampKnown::unknown;
-  devices_.lamp.reset();
-  devices_.gantry.reset();
-  devices_.camera.reset();
+bool DeviceHand::gantry_and_lamp_answer() {
+  const auto soon = [this] { return Until{later(clock_.now(), answer_time), std::stop_token()}; };
+  return devices_.gantry && devices_.lamp && devices_.gantry->status(soon()) &&
+         devices_.lamp->state(soon());
+}
+
+Result<void> DeviceHand::reopen(const ReopenDevices& reopen, bool though_stopped) {
+  const Reopen what = gantry_and_lamp_answer() ? Reopen::camera : Reopen::everything;
+  if (what == Reopen::everything) {
+    if (lamp_ == LampKnown::on) lamp_ = LampKnown::unknown;
+    devices_.lamp.reset();
+    devices_.gantry.reset();
+    last_status_.reset();
+  }
   last_frame_id_.reset();
-  last_status_.reset();
-  auto opened = reopen();
+  auto opened =
+      reopen(what, std::move(devices_.camera), though_stopped ? std::stop_token() : stop_);
   if (!opened) return tl::unexpected(with_context("open the devices again", opened.error()));
   devices_.camera = std::move(opened->camera);
   packets_.begin(devices_.camera->counters());
-  devices_.gantry = std::move(opened->gantry);
-  devices_.lamp = std::move(opened->lamp);
+  if (what == Reopen::everything) {
+    devices_.gantry = std::move(opened->gantry);
+    devices_.lamp = std::move(opened->lamp);
+  }
   return lamp_dark();
 }
 

@@ -10,9 +10,9 @@ namespace lightrig {
 
 /// What to do about a failed step of a session.
 enum class Remedy : std::uint8_t {
-  again,           ///< look at the rig's status, then do the whole step anew
-  reopen,          ///< destroy the devices, open them, look at the status, do the step anew
-  mend,            ///< do it anew only if the status names a cause that can be put right
+  again,   ///< look at the rig's status, then do the whole step anew
+  reopen,  ///< destroy the devices, open them (several tries), look at the status, do the step anew
+  mend,    ///< do it anew only if the status names a cause that can be put right
   wait_for_space,  ///< pause until the disk has room
   give_up,
 };

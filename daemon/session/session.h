@@ -81,8 +81,15 @@ struct SessionListeners {
   std::function<void(const std::string& shot, std::uint64_t take)> shot_begins;
 };
 
-/// Opens the rig's devices anew after a disconnection; the old ones are destroyed before.
-using ReopenDevices = std::function<Result<Devices>()>;
+/// What is opened anew: where gantry and lamp still answer, the camera alone. A gantry that is
+/// closed and opened loses its home position with some controllers, and the patience of its drives'
+/// watchdog with others.
+enum class Reopen : std::uint8_t { everything, camera };
+/// Opens devices anew after a disconnection; the old ones are destroyed before. The old camera is
+/// handed over, since even the end of a dead one may take seconds. Where opening blocks, it is left
+/// behind on a stop. Errors: the devices', `stopped`.
+using ReopenDevices = std::function<Result<Devices>(Reopen what, std::unique_ptr<Camera> old,
+                                                    const std::stop_token& stop)>;
 
 /// UTC date, time and sample id, safe as a file name: "20261122T031500Z-brass-3".
 std::string make_session_id(const SessionSpec& spec, std::chrono::system_clock::time_point now);

@@ -203,12 +203,13 @@ Result<Frame> GvSession::accept(ArvBuffer* buffer, double exposure) {
   if (!id) return tl::unexpected(id.error());
   const int width = arv_buffer_get_image_width(buffer);
   const int height = arv_buffer_get_image_height(buffer);
+  // Size and format were read back at opening: one frame that has others is a doubtful frame.
   if (width != rig_.camera.model.width || height != rig_.camera.model.height)
-    return fail(ErrorCode::refused,
+    return fail(ErrorCode::timed_out,
                 fmt::format("a frame of {} × {} pixels came, the rig file says {} × {}", width,
                             height, rig_.camera.model.width, rig_.camera.model.height));
   if (arv_buffer_get_image_pixel_format(buffer) != format_->code)
-    return fail(ErrorCode::refused,
+    return fail(ErrorCode::timed_out,
                 fmt::format("a frame of pixel format {:#010x} came instead of {}",
                             arv_buffer_get_image_pixel_format(buffer), format_->name));
   std::size_t size = 0;

@@ -46,8 +46,15 @@ const char* name_of(RegisterTable table) {
 
 bool is_exception(int number) { return number > MODBUS_ENOBASE && number < EMBBADCRC; }
 
+/// Exceptions that say "not now" [Modbus Application Protocol 1.1b3, 7]; the others say that the
+/// request is wrong, and will say so again.
+bool may_pass(int number) {
+  return number == EMBXSFAIL || number == EMBXACK || number == EMBXSBUSY || number == EMBXGPATH ||
+         number == EMBXGTAR;
+}
+
 ErrorCode code_of(int number) {
-  if (is_exception(number)) return ErrorCode::refused;
+  if (is_exception(number)) return may_pass(number) ? ErrorCode::timed_out : ErrorCode::refused;
   switch (number) {
     case ETIMEDOUT:
     case EINPROGRESS:  // a connect that nobody answers

@@ -135,9 +135,19 @@ Result<std::vector<DriveMove>> ModbusGantryDevice::coordinated(const GantryPosit
 Result<void> ModbusGantryDevice::start(const ProfileCommand& command,
                                        const std::vector<DriveMove>& moves, const Until& until) {
   moving_ = true;  // from the first byte on: a write that failed may still have been obeyed
-  for (std::size_t i = 0; i < controller_->drives.size(); ++i)
-    if (auto done = controller_->drives[i].run(command, moves[i], until); !done)
-      return tl::unexpected(with_context("axis " + controller_->drives[i].axis(), done.error()));
+  std::vector<ModbusDriveDevice>& drives = controller_->drives;
+  const auto failed = [&](std::size_t i, const Error& error) {
+    return tl::unexpected(with_context("axis " + drives[i].axis(), error));
+  };
+  // All are set going before the first pulse ends, so that they arrive together too.
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    if (auto begun = drives[i].begin(command, moves[i], until); !begun)
+      return failed(i, begun.error());
+  const TriggerStyle style = command.trigger.style;
+  if (style == TriggerStyle::implicit || style == TriggerStyle::value) return {};
+  clock_.sleep_until(clock_.now() + command.trigger.pulse, until.stop);
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    if (auto ended = drives[i].end(command, until); !ended) return failed(i, ended.error());
   return {};
 }
 
@@ -222,7 +232,7 @@ Result<void> ModbusGantryDevice::move_to(const GantryPosition& position, const U
   if (!done) {
     tell_to_stop();
     // A drive that refuses a command does not say why; its status does.
-    if (done.error().code == ErrorCode::refused)
+    if (done.error().code == ErrorCode::refused || done.error().code == ErrorCode::timed_out)
       if (const auto now = status(until); now)
         if (auto able = require_able_to_move(*now);
             !able && (!now->alarm.empty() || !now->open_interlocks.empty()))

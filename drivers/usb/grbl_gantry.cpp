@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "drivers/lamp_power.h"
 
@@ -15,6 +16,7 @@ using namespace std::chrono_literals;
 constexpr char feed_hold = '!';
 constexpr std::chrono::milliseconds poll_interval{20};
 constexpr std::chrono::milliseconds farewell{500};
+constexpr double unknown_position = std::numeric_limits<double>::quiet_NaN();
 /// Polls that may say Idle away from the target before the move counts as failed: the planner
 /// starts a move within one.
 constexpr int idle_polls_before_start = 5;
@@ -62,31 +64,41 @@ GantryPosition GrblGantryDevice::position_of(const grbl::StatusReport& report) c
   return position;
 }
 
-// After a feed hold the queue still holds the rest of the move, which a resume would drive. Once
-// the axes rest, a reset empties it; at rest the controller keeps its position.
+// After a feed hold the queue still holds the rest of the move, which a resume would drive; nor
+// does a controller that is held heed any line. Once the axes rest, a reset empties the queue; at
+// rest the controller keeps its position.
 Result<void> GrblGantryDevice::settle_stop(const Until& until) {
+  auto report = controller_->link.release(until);
+  if (!report) return tl::unexpected(report.error());
   while (stop_pending_) {
-    auto report = controller_->link.status(until);
-    if (!report) return tl::unexpected(report.error());
-    const bool moving = (report->state == "Hold" && report->substate != 0) ||
-                        report->state == "Run" || report->state == "Jog" || report->state == "Home";
+    const bool moving = report->state == "Run" || report->state == "Jog" || report->state == "Home";
     if (!moving) {
       if (auto reset = controller_->link.reset(until); !reset) return reset;
       stop_pending_ = false;
       return {};
     }
     clock_.sleep_until(clock_.now() + poll_interval, until.stop);
+    report = controller_->link.release(until);
+    if (!report) return tl::unexpected(report.error());
   }
   return {};
 }
 
 Result<GantryStatus> GrblGantryDevice::status(const Until& until) {
+  GantryStatus status;
   auto report = controller_->link.status(until);
+  if (!report && controller_->link.mute()) {
+    // It halted at once, and tells no position until it is reset.
+    homed_ = false;
+    status.alarm = report.error().message;
+    status.at_rest = true;
+    status.position.axes = AxisValues::Constant(zero_.size(), unknown_position);
+    return status;
+  }
   if (!report) {
     if (report.error().code == ErrorCode::disconnected) homed_ = false;
     return tl::unexpected(report.error());
   }
-  GantryStatus status;
   status.position = position_of(*report);
   if (report->state == "Alarm") {
     homed_ = false;
@@ -97,11 +109,13 @@ Result<GantryStatus> GrblGantryDevice::status(const Until& until) {
   }
   status.homed = homed_;
   status.at_rest = report->state == "Idle" || report->state == "Alarm" ||
-                   (report->state == "Hold" && report->substate == 0);
+                   (report->state == "Hold" && report->substate == 0) ||
+                   (report->state == "Door" && report->substate < 2);
   for (const Interlock& interlock : interlocks_)
     if (report->pins.find(pin_of(interlock.input)) != std::string::npos)
       status.open_interlocks.push_back(interlock.name);
-  if (report->state == "Door" && status.open_interlocks.empty())
+  // Door:0 is a door that was closed again; what the controller calls so has no pin of ours.
+  if (report->state == "Door" && report->substate != 0 && status.open_interlocks.empty())
     status.open_interlocks.emplace_back("door");
   return status;
 }
@@ -109,7 +123,7 @@ Result<GantryStatus> GrblGantryDevice::status(const Until& until) {
 Result<void> GrblGantryDevice::home(const Until& until) {
   homed_ = false;
   if (auto settled = settle_stop(until); !settled) return settled;
-  if (auto done = controller_->link.command("$H", until); !done) {
+  if (auto done = controller_->link.home(until); !done) {
     // Homing heeds no feed hold: only a reset ends it.
     if (done.error().code == ErrorCode::stopped || done.error().code == ErrorCode::timed_out)
       (void)controller_->link.realtime(0x18);
@@ -127,6 +141,7 @@ Result<void> GrblGantryDevice::home(const Until& until) {
   if (*report->machine_position != *again->machine_position)
     return fail(ErrorCode::timed_out,
                 "home: two status reports at rest disagree; check the cable and its shield");
+  controller_->link.forget_alarm();
   zero_.setZero();
   const GantryPosition machine = position_of(*report);
   for (Eigen::Index i = 0; i < zero_.size(); ++i)
@@ -188,7 +203,7 @@ Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& target, co
     if (now->at_rest && arrived(model_, now->position, target)) return {};
     if (now->at_rest && ++idle_elsewhere >= idle_polls_before_start)
       return fail(
-          ErrorCode::refused,
+          ErrorCode::timed_out,
           fmt::format(
               "the controller rests {:.4g} (rad or m) from the target, tolerance {:.4g} rad "
               "or {:.4g} m",
@@ -200,6 +215,7 @@ Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& target, co
 
 Result<void> GrblGantryDevice::clear_fault(const Until& until) {
   if (auto reset = controller_->link.reset(until); !reset) return reset;
+  controller_->link.forget_alarm();
   stop_pending_ = false;
   auto report = controller_->link.status(until);
   if (!report) return tl::unexpected(report.error());
@@ -221,8 +237,26 @@ std::string GrblLampDevice::command_for(double power) const {
   return power > 0 ? fmt::format("M3 S{:.1f}", power * scale) : std::string("M5");
 }
 
+// A controller that is held or locked takes no line, not even to switch off; a reset switches every
+// output off. In motion it would lose the position, so it waits for rest; a hard or soft limit is
+// halted already.
 Result<void> GrblLampDevice::set(double power, const Until& until) {
   if (auto allowed = allowed_power(power, most_); !allowed) return allowed;
+  if (controller_->link.mute() && power == 0) {
+    if (auto reset = controller_->link.reset(until); !reset)
+      return tl::unexpected(with_context("switch the lamp off by a reset", reset.error()));
+  }
+  const auto report = controller_->link.release(until);
+  if (!report) return tl::unexpected(with_context("switch the lamp", report.error()));
+  if (report->state == "Door" && power == 0) {  // still open: the reset has switched it off
+    power_ = 0;
+    return {};
+  }
+  if (report->state == "Door" || report->state == "Alarm")
+    if (power > 0)
+      return fail(ErrorCode::refused, fmt::format("switch the lamp: the controller's state is {}, "
+                                                  "in which it switches nothing on",
+                                                  report->state));
   const std::string command = command_for(power);
   auto done = controller_->link.command(command, until);
   // Locked (before homing, after an alarm) the controller takes no G-code, not even to switch off;

@@ -2,14 +2,19 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 namespace lightrig {
 namespace {
 
 using namespace std::chrono_literals;
 
 constexpr char soft_reset = 0x18;
+constexpr int hard_limit = 1, soft_limit = 2;  // of ALARM:N
 constexpr std::chrono::milliseconds read_step{5};
 constexpr std::chrono::milliseconds write_patience{250};
+constexpr std::chrono::milliseconds rest_poll{10};
+constexpr std::chrono::milliseconds homing_look{1000};
 /// A report later than this after the question was given up is beyond what a link can repair.
 constexpr std::chrono::milliseconds quiet_after_silence{100};
 
@@ -51,7 +56,7 @@ Result<std::optional<grbl::Line>> GrblLink::next_line(const Until& until) {
   for (;;) {
     if (auto text = lines_.next()) {
       grbl::Line line = grbl::parse_line(*text);
-      if (line.kind == grbl::Line::Kind::alarm) alarm_ = line.number;
+      if (line.kind == grbl::Line::Kind::alarm) heed_alarm(line.number);
       return std::optional(std::move(line));
     }
     if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
@@ -71,7 +76,7 @@ Result<void> GrblLink::forget_what_came(std::chrono::milliseconds quiet) {
   for (;;) {
     while (auto text = lines_.next()) {
       const grbl::Line line = grbl::parse_line(*text);
-      if (line.kind == grbl::Line::Kind::alarm) alarm_ = line.number;
+      if (line.kind == grbl::Line::Kind::alarm) heed_alarm(line.number);
       restarted = restarted || line.kind == grbl::Line::Kind::banner;
     }
     const auto patience = quiet.count() > 0 ? read_step : std::chrono::milliseconds(0);
@@ -87,42 +92,81 @@ Result<void> GrblLink::forget_what_came(std::chrono::milliseconds quiet) {
   return fail(ErrorCode::disconnected, "the controller restarted");
 }
 
-Result<void> GrblLink::command(const std::string& text, const Until& until) {
+/// Sends a line to a controller that owes no answer.
+Result<void> GrblLink::begin(const std::string& text, const Until& until) {
   // An answer still owed would be taken for this command's: only a reset makes it void.
-  if (!in_step_)
+  if (!in_step_ && !mute())
     if (auto reset_done = reset(until); !reset_done) return reset_done;
   if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
   if (clock_->now() >= until.deadline)
     return fail(ErrorCode::timed_out, fmt::format("\"{}\": no time left to send it", text));
   if (auto clean = forget_what_came({}); !clean) return clean;
+  if (mute()) return halted();
   in_step_ = false;
-  if (auto sent = send(text + "\n"); !sent) return sent;
+  return send(text + "\n");
+}
+
+/// What a line means as the answer to a command; empty when it is none: a late status report, a
+/// message, a setting.
+std::optional<Result<void>> GrblLink::answer_in(const grbl::Line& line, const std::string& text) {
+  switch (line.kind) {
+    case grbl::Line::Kind::ok:
+      in_step_ = true;
+      return Result<void>{};
+    case grbl::Line::Kind::error:
+      in_step_ = true;
+      return fail(
+          ErrorCode::refused,
+          fmt::format("\"{}\": {}", text, with_meaning(line.text, grbl::error_text(line.number))));
+    case grbl::Line::Kind::alarm:
+      // A soft limit is followed by silence until a reset: do not wait for an ok.
+      return fail(
+          ErrorCode::refused,
+          fmt::format("\"{}\": {}", text, with_meaning(line.text, grbl::alarm_text(line.number))));
+    case grbl::Line::Kind::banner:
+      in_step_ = true;  // whatever was owed is void
+      return fail(ErrorCode::disconnected,
+                  fmt::format("\"{}\": the controller restarted instead of answering", text));
+    default:
+      return std::nullopt;
+  }
+}
+
+Result<void> GrblLink::command(const std::string& text, const Until& until) {
+  if (auto begun = begin(text, until); !begun) return begun;
   for (;;) {
     auto line = next_line(until);
     if (!line) return tl::unexpected(line.error());
     if (!*line) return fail(ErrorCode::timed_out, fmt::format("\"{}\": no answer in time", text));
-    switch ((*line)->kind) {
-      case grbl::Line::Kind::ok:
-        in_step_ = true;
-        return {};
-      case grbl::Line::Kind::error:
-        in_step_ = true;
-        return fail(ErrorCode::refused,
-                    fmt::format("\"{}\": {}", text,
-                                with_meaning((*line)->text, grbl::error_text((*line)->number))));
-      case grbl::Line::Kind::alarm:
-        // A soft limit is followed by silence until a reset: do not wait for an ok.
-        return fail(ErrorCode::refused,
-                    fmt::format("\"{}\": {}", text,
-                                with_meaning((*line)->text, grbl::alarm_text((*line)->number))));
-      case grbl::Line::Kind::banner:
-        in_step_ = true;  // whatever was owed is void
-        return fail(ErrorCode::disconnected,
-                    fmt::format("\"{}\": the controller restarted instead of answering", text));
-      default:
-        break;  // a late status report, a message, a setting: not the answer
-    }
+    if (auto answer = answer_in(**line, text)) return *answer;
   }
+}
+
+// Some firmware answers no question while it homes, some says Home. Only one that says it is doing
+// something else, and again a second later, has not heard.
+Result<void> GrblLink::home(const Until& until) {
+  const std::string text = "$H";
+  if (auto begun = begin(text, until); !begun) return begun;
+  for (int doing_else = 0; doing_else < 2;) {
+    Until step = until;
+    step.deadline = std::min(until.deadline, clock_->now() + homing_look);
+    auto line = next_line(step);
+    if (!line) return tl::unexpected(line.error());
+    if (!*line) {
+      if (clock_->now() >= until.deadline)
+        return fail(ErrorCode::timed_out, "\"$H\": homing did not end in time");
+      report_owed_ = true;
+      if (auto asked = realtime('?'); !asked) return asked;
+      continue;
+    }
+    if (auto answer = answer_in(**line, text)) return *answer;
+    if ((*line)->kind != grbl::Line::Kind::status) continue;
+    report_owed_ = false;
+    if (const auto report = grbl::parse_status((*line)->text))
+      doing_else = report->state == "Home" ? 0 : doing_else + 1;
+  }
+  return fail(ErrorCode::timed_out,
+              "\"$H\": the controller does not home: it never got the command");
 }
 
 Result<grbl::StatusReport> GrblLink::status(const Until& until) {
@@ -131,12 +175,14 @@ Result<grbl::StatusReport> GrblLink::status(const Until& until) {
     return fail(ErrorCode::timed_out, "no time left to ask for a status report");
   const auto quiet = report_owed_ ? quiet_after_silence : std::chrono::milliseconds(0);
   if (auto clean = forget_what_came(quiet); !clean) return tl::unexpected(clean.error());
+  if (mute()) return halted();
   report_owed_ = true;
   if (auto sent = realtime('?'); !sent) return tl::unexpected(sent.error());
   for (;;) {
     auto line = next_line(until);
     if (!line) return tl::unexpected(line.error());
     if (!*line) return fail(ErrorCode::timed_out, "no status report in time");
+    if (mute()) return halted();
     if ((*line)->kind == grbl::Line::Kind::banner)
       return fail(ErrorCode::disconnected, "the controller restarted");
     if ((*line)->kind != grbl::Line::Kind::status) continue;
@@ -160,7 +206,7 @@ Result<grbl::StatusReport> GrblLink::status(const Until& until) {
 
 Result<void> GrblLink::reset(const Until& until) {
   if (auto sent = realtime(soft_reset); !sent) return sent;
-  alarm_ = 0;
+  mute_ = false;
   for (;;) {
     auto line = next_line(until);
     if (!line) return tl::unexpected(line.error());
@@ -170,6 +216,33 @@ Result<void> GrblLink::reset(const Until& until) {
     if ((*line)->kind != grbl::Line::Kind::banner) continue;
     in_step_ = true;
     return {};
+  }
+}
+
+void GrblLink::heed_alarm(int number) {
+  alarm_ = number;
+  mute_ = number == hard_limit || number == soft_limit;
+}
+
+tl::unexpected<Error> GrblLink::halted() const {
+  return fail(ErrorCode::refused,
+              with_meaning(fmt::format("ALARM:{}", alarm_), grbl::alarm_text(alarm_)));
+}
+
+Result<grbl::StatusReport> GrblLink::release(const Until& until) {
+  bool was_reset = false;
+  for (;;) {
+    auto report = status(until);
+    if (!report) return report;
+    const bool held = report->state == "Hold" || report->state == "Door";
+    if (!held || was_reset) return report;
+    const bool slowing = report->substate > (report->state == "Door" ? 1 : 0);
+    if (!slowing) {
+      if (auto done = reset(until); !done) return tl::unexpected(done.error());
+      was_reset = true;
+    } else {
+      clock_->sleep_until(clock_->now() + rest_poll, until.stop);
+    }
   }
 }
 

@@ -24,17 +24,27 @@ class GrblLink {
   /// Sends a line and waits for its ok. Errors: refused (error:N, ALARM:N with their meaning),
   /// timed_out, stopped, disconnected.
   Result<void> command(const std::string& line, const Until& until);
+  /// Homes; its ok comes when it has ended. Meanwhile the controller is asked now and then whether
+  /// it does home: a command that was lost would else be waited for in vain.
+  Result<void> home(const Until& until);
   /// A real-time byte: never acknowledged, never queued.
   Result<void> realtime(char byte);
   /// Asks for a status report and waits for it; the machine position is always filled in.
   Result<grbl::StatusReport> status(const Until& until);
   /// Soft reset; every pending ok is void. Waits for the banner.
   Result<void> reset(const Until& until);
+  /// The status once the controller heeds lines again: held by `!` or by a door it obeys none until
+  /// it is reset, which is done once it rests, where a reset keeps the position. A door still open
+  /// holds it again at once; then the state says so.
+  Result<grbl::StatusReport> release(const Until& until);
   /// The controller's $ settings.
   Result<std::map<int, double>> settings(const Until& until);
 
-  /// ALARM:N seen since the last reset; 0 for none.
+  /// ALARM:N seen and not forgotten since; 0 for none. A reset unlocks the wire, it mends nothing.
   int alarm() const { return alarm_; }
+  void forget_alarm() { alarm_ = 0; }
+  /// Halted by a hard or soft limit: it neither obeys nor answers anything but a reset.
+  bool mute() const { return mute_; }
 
  private:
   using Wire = std::variant<CdcAcm, SerialPort>;
@@ -42,12 +52,17 @@ class GrblLink {
   Result<std::optional<grbl::Line>> next_line(const Until& until);
   Result<void> forget_what_came(std::chrono::milliseconds quiet);
   Result<void> send(std::string_view bytes);
+  Result<void> begin(const std::string& line, const Until& until);
+  std::optional<Result<void>> answer_in(const grbl::Line& line, const std::string& text);
+  tl::unexpected<Error> halted() const;
+  void heed_alarm(int number);
 
   Wire wire_;
   Clock* clock_;
   grbl::LineAssembler lines_;
   std::vector<double> work_offset_;
   int alarm_ = 0;
+  bool mute_ = false;
   bool report_owed_ = false;  ///< a status report was asked for and never came
   bool in_step_ =
       true;  ///< false while an answer is owed: GRBL's answers carry no number to tell them apart

@@ -70,7 +70,7 @@ void DriveRegisters::tick() {
   const double silent = std::chrono::duration<double>(world_->clock().now() - heard_).count();
   if (silent < seconds || !world_->gantry_status().alarm.empty()) return;
   if (carries_lamp()) {
-    static_cast<void>(world_->set_lamp(0));
+    static_cast<void>(world_->switch_lamp(0));
     for (const auto& [name, output] : profile_.outputs)
       words_[{output.table, output.address}] = static_cast<std::uint16_t>(output.off);
   }
@@ -81,7 +81,7 @@ void DriveRegisters::reboot() {
   words_ = factory_;
   enabled_ = !profile_.enable;
   heard_ = world_->clock().now();
-  if (carries_lamp()) static_cast<void>(world_->set_lamp(0));
+  if (carries_lamp()) static_cast<void>(world_->switch_lamp(0));
   world_->lose_position();
 }
 
@@ -256,7 +256,7 @@ std::optional<ModbusException> DriveRegisters::obey(const Key& key, std::uint16_
     if (Key{output.table, output.address} != key) continue;
     const double power = static_cast<double>(now - output.off) / (output.on - output.off);
     const auto* lamp = std::get_if<GantryLamp>(&world_->rig().lamp.backend);
-    if (lamp && lamp->output == name && !world_->set_lamp(power))
+    if (lamp && lamp->output == name && !world_->switch_lamp(power))
       return ModbusException::illegal_value;
   }
   return std::nullopt;

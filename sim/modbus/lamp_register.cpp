@@ -10,7 +10,7 @@ bool LampRegister::is_mine(RegisterTable table, int address) const {
   return table == RegisterTable::holding && config_.holding && address == *config_.holding;
 }
 
-// What the lamp does, not what was written: a lease that ran out reads 0.
+// What the lamp does, not what was written: one that failed reads 0.
 std::optional<std::uint16_t> LampRegister::read(RegisterTable table, int address) const {
   if (config_.temperature && table == RegisterTable::holding && address == *config_.temperature) {
     const double counts = world_->lamp_temperature() / config_.degrees_per_count;
@@ -26,7 +26,7 @@ std::optional<ModbusException> LampRegister::write(RegisterTable table, int addr
   // A coil is on or off: on is all that the rig allows.
   const double power =
       config_.coil ? (value != 0 ? world_->rig().lamp.max_power : 0.0) : value / full();
-  if (!world_->set_lamp(power)) return ModbusException::illegal_value;
+  if (!world_->switch_lamp(power)) return ModbusException::illegal_value;
   return std::nullopt;
 }
 

@@ -20,7 +20,7 @@ class LampRegister final : public ModbusUnit {
                                        std::uint16_t value) override;
   void heard() override {}
   void tick() override {}
-  void reboot() override { static_cast<void>(world_->set_lamp(0)); }
+  void reboot() override { static_cast<void>(world_->switch_lamp(0)); }
 
  private:
   bool is_mine(RegisterTable table, int address) const;

@@ -62,8 +62,8 @@ std::string GrblMachine::receive(std::string_view bytes) {
       said += realtime(byte);
     } else if (byte == '\n' || byte == '\r') {
       // Every line end is answered, an empty line too: "\r\n" gives two answers.
-      if (!silent_) said += line(std::exchange(pending_, {}));
-      pending_.clear();
+      unheeded_.push_back(std::exchange(pending_, {}));
+      said += heed_lines();
     } else if (pending_.size() < 127) {
       pending_ += byte;
     }
@@ -71,29 +71,59 @@ std::string GrblMachine::receive(std::string_view bytes) {
   return said;
 }
 
+std::string GrblMachine::heed_lines() {
+  std::string said;
+  while (!unheeded_.empty() && !silent_ && !suspended()) {
+    const std::string next = std::move(unheeded_.front());
+    unheeded_.pop_front();
+    said += line(next);
+  }
+  return said;
+}
+
+void GrblMachine::switch_lamp() {
+  const auto* lamp = std::get_if<GantryLamp>(&world_->rig().lamp.backend);
+  if (!lamp) return;
+  const double lit = dims_ ? spindle_ / settings_.at(30) : 1.0;
+  lamp_refused_ = !world_->switch_lamp(lamp_on_ && !door_ ? lit : 0.0);
+}
+
 std::string GrblMachine::realtime(char byte) {
   if (byte == 0x18) return reset();
-  if (silent_ && byte != '?') return {};
+  if (silent_) return {};
   if (byte == '?') return report();
-  if (byte == '!' && !world_->gantry_status().at_rest && !homing_) {
-    hold_ = true;
-    resumable_ = true;
+  const GantryStatus now = world_->gantry_status();
+  if (byte == '!' && !homing_ && !alarm_ && !door_) {
+    hold_ = true;  // at rest too
+    resumable_ = resumable_ || !now.at_rest;
     world_->halt_gantry();
   }
-  if (byte == '~' && hold_ && world_->gantry_status().at_rest) {
-    hold_ = false;
+  if (byte == '~' && suspended() && now.at_rest && now.open_interlocks.empty()) {
+    hold_ = door_ = false;
+    switch_lamp();
     if (std::exchange(resumable_, false)) (void)world_->start_move(going_to_);
+    return heed_lines();
   }
   return {};
+}
+
+// Opened, the door holds what moves and stops spindle and coolant; homing it makes fail instead.
+void GrblMachine::look_at_door() {
+  const GantryStatus now = world_->gantry_status();
+  if (door_ || alarm_ || homing_ || now.open_interlocks.empty()) return;
+  door_ = true;
+  resumable_ = !now.at_rest;
+  switch_lamp();
 }
 
 std::string GrblMachine::reset() {
   const bool in_motion = !world_->gantry_status().at_rest;
   pending_.clear();
+  unheeded_.clear();
   queue_.clear();
-  hold_ = resumable_ = silent_ = false;
+  hold_ = resumable_ = silent_ = door_ = false;
   lamp_on_ = false;
-  (void)world_->set_lamp(0);
+  (void)world_->switch_lamp(0);
   std::string said;
   if (in_motion || homing_) {
     world_->lose_position();
@@ -103,6 +133,7 @@ std::string GrblMachine::reset() {
   homing_ = false;
   said += banner;
   if (alarm_) said += "[MSG:'$H'|'$X' to unlock]\r\n";
+  look_at_door();
   return said;
 }
 
@@ -120,7 +151,7 @@ std::string GrblMachine::alarm(int number) {
   world_->halt_gantry();
   queue_.clear();
   lamp_on_ = false;
-  (void)world_->set_lamp(0);
+  (void)world_->switch_lamp(0);
   silent_ = number == 1 || number == 2;
   return fmt::format("ALARM:{}\r\n", number);
 }
@@ -132,8 +163,8 @@ std::string GrblMachine::report() const {
     state = "Home";
   else if (alarm_)
     state = "Alarm";
-  else if (!status.open_interlocks.empty())
-    state = status.at_rest ? "Door:1" : "Door:2";
+  else if (door_)
+    state = !status.at_rest ? "Door:2" : status.open_interlocks.empty() ? "Door:0" : "Door:1";
   else if (hold_)
     state = status.at_rest ? "Hold:0" : "Hold:1";
   else if (!status.at_rest || !queue_.empty())
@@ -145,7 +176,7 @@ std::string GrblMachine::report() const {
     position[axis] = machine_units(i, status.position.axes[static_cast<Eigen::Index>(i)]);
   }
   std::string text = fmt::format("<{}|MPos:{:.3f}", state, fmt::join(position, ","));
-  text += fmt::format("|FS:0,{:.0f}", lamp_on_ ? spindle_ : 0.0);
+  text += fmt::format("|FS:0,{:.0f}", lamp_on_ && !door_ ? spindle_ : 0.0);
   if (!status.open_interlocks.empty()) text += "|Pn:D";
   return text + ">\r\n";
 }
@@ -167,6 +198,7 @@ std::string GrblMachine::start_homing() {
 }
 
 std::string GrblMachine::tick() {
+  look_at_door();
   const GantryStatus status = world_->gantry_status();
   if (!status.alarm.empty() && !alarm_)
     return alarm(status.alarm.starts_with("code ") ? std::atoi(status.alarm.c_str() + 5) : 1);
@@ -175,7 +207,7 @@ std::string GrblMachine::tick() {
     if (!status.homed) return alarm(status.open_interlocks.empty() ? 9 : 7);
     return "ok\r\n";
   }
-  if (!hold_ && !alarm_ && status.at_rest) start_next();
+  if (!suspended() && !alarm_ && status.at_rest) start_next();
   return {};
 }
 
@@ -221,10 +253,9 @@ std::string GrblMachine::block(const std::string& text) {
     } else if (word.letter == 'M') {
       if (word.value == 3 || word.value == 7 || word.value == 8) lamp_on_ = true;
       if (word.value == 5 || word.value == 9) lamp_on_ = false;
-      const auto* lamp = std::get_if<GantryLamp>(&world_->rig().lamp.backend);
-      const bool dims = word.value == 3 && lamp && lamp->output == "spindle";
-      const double power = !lamp_on_ ? 0.0 : dims ? spindle_ / settings_.at(30) : 1.0;
-      if (lamp && !world_->set_lamp(power)) return "error:33\r\n";
+      dims_ = word.value == 3;
+      switch_lamp();
+      if (lamp_refused_) return "error:33\r\n";
     } else if (word.letter != 'G' && word.letter != 'F' && word.letter != 'S') {
       return "error:20\r\n";
     }
@@ -233,7 +264,7 @@ std::string GrblMachine::block(const std::string& text) {
   if (!within_limits(world_->rig().gantry.model, target)) return alarm(2);
   if (queue_.size() >= most_queued) return "error:24\r\n";
   queue_.push_back(target);
-  if (world_->gantry_status().at_rest && !hold_) start_next();
+  if (world_->gantry_status().at_rest) start_next();
   return "ok\r\n";
 }
 

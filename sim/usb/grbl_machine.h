@@ -13,8 +13,10 @@
 namespace lightrig::sim {
 
 /// A GRBL 1.1 controller that moves the world, byte in, byte out, as the firmware was seen to
-/// behave: `ok` means queued, real- time bytes are never acknowledged, a soft limit is followed by
-/// silence, a reset in motion loses the position. No wire, no thread; tick() lets time pass.
+/// behave: `ok` means queued, real-time bytes are never acknowledged, a hard or soft limit is
+/// followed by silence, a reset in motion loses the position. Held by `!` or by the door, it obeys
+/// no line until `~` or a reset; the door also makes spindle and coolant stop [Grbl 1.1h,
+/// protocol.c]. No wire, no thread; tick() lets time pass.
 class GrblMachine {
  public:
   GrblMachine(const GrblGantry& backend, std::shared_ptr<World> world);
@@ -30,6 +32,10 @@ class GrblMachine {
   std::string realtime(char byte);
   std::string line(std::string text);
   std::string block(const std::string& text);
+  std::string heed_lines();
+  void look_at_door();
+  void switch_lamp();
+  bool suspended() const { return hold_ || door_; }
   std::string alarm(int number);
   std::string reset();
   std::string report() const;
@@ -43,10 +49,12 @@ class GrblMachine {
   std::string pending_;
   std::deque<GantryPosition> queue_;
   GantryPosition going_to_;
+  std::deque<std::string> unheeded_;  ///< lines that came while it was held
   bool homing_ = false, hold_ = false, resumable_ = false;
+  bool door_ = false;    ///< it was open; closed, it waits for `~`
   bool alarm_ = true;    ///< locked at start: homing is enabled
-  bool silent_ = false;  ///< after a soft limit, until a reset
-  bool lamp_on_ = false;
+  bool silent_ = false;  ///< after a hard or soft limit, until a reset
+  bool lamp_on_ = false, dims_ = false, lamp_refused_ = false;
   double spindle_ = 0;  ///< S word
   std::map<int, double> settings_;
 };

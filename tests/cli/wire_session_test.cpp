@@ -160,7 +160,8 @@ TEST_P(WireSession, GivesTheErrorThatTheSameRigInMemoryGives) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Over, WireSession,
-                         testing::Values("wire_modbus_tcp.toml", "wire_modbus_rtu.toml"),
+                         testing::Values("wire_modbus_tcp.toml", "wire_modbus_rtu.toml",
+                                         "wire_grbl.toml", "wire_usb.toml"),
                          [](const auto& rig) {
                            std::string name = rig.param;
                            name.resize(name.find('.'));

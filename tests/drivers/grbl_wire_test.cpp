@@ -116,6 +116,69 @@ TEST_F(GrblWire, TheLampIsTheSpindleAndGoesDarkWithItsOwner) {
   EXPECT_EQ(world_->lamp_power(), 0.0);
 }
 
+// The firmware stops spindle and coolant when the door opens, and heeds no line until it is
+// resumed or reset, even after the door was closed.
+TEST_F(GrblWire, AnOpenDoorIsSaidTheLampStaysDarkAndOnceClosedEverythingWorks) {
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(opened->gantry->home(soon(20s)));
+  ASSERT_TRUE(opened->lamp->set(0.5, soon(2s)));
+  world_->set_interlock("door", true);
+  std::this_thread::sleep_for(50ms);
+  EXPECT_EQ(world_->lamp_power(), 0.0);
+  const auto status = opened->gantry->status(soon(2s));
+  ASSERT_TRUE(status) << status.error().message;
+  EXPECT_EQ(status->open_interlocks, std::vector<std::string>{"door"});
+  EXPECT_TRUE(status->at_rest);
+  const auto dark = opened->lamp->set(0, soon(1s));
+  EXPECT_TRUE(dark) << dark.error().message;
+  const auto lit = opened->lamp->set(0.5, soon(1s));
+  ASSERT_FALSE(lit);
+  EXPECT_EQ(lit.error().code, ErrorCode::refused) << lit.error().message;
+  EXPECT_EQ(world_->lamp_power(), 0.0);
+
+  world_->set_interlock("door", false);
+  std::this_thread::sleep_for(50ms);
+  const auto closed = opened->gantry->status(soon(2s));
+  ASSERT_TRUE(closed) << closed.error().message;
+  EXPECT_TRUE(closed->open_interlocks.empty());
+  EXPECT_TRUE(closed->homed) << "at rest a reset keeps the position";
+  const auto moved = opened->gantry->move_to(test::at_degrees(20, 30), soon(10s));
+  EXPECT_TRUE(moved) << moved.error().message;
+  const auto again = opened->lamp->set(0.5, soon(2s));
+  EXPECT_TRUE(again) << again.error().message;
+  EXPECT_NEAR(world_->lamp_power(), 0.5, 1e-3);
+}
+
+// After a hard or soft limit the firmware is silent until a reset: nobody may wait for an answer,
+// and making the lamp dark must not make anyone forget the alarm.
+TEST_F(GrblWire, ALimitIsSaidAtOnceAndUntilItIsCleared) {
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(opened->gantry->home(soon(20s)));
+  ASSERT_TRUE(opened->lamp->set(1, soon(2s)));
+  world_->raise_alarm("limit switch");
+  std::this_thread::sleep_for(50ms);
+  const auto begin = std::chrono::steady_clock::now();
+  const auto status = opened->gantry->status(soon(20s));
+  ASSERT_TRUE(status) << status.error().message;
+  EXPECT_NE(status->alarm.find("ALARM:1"), std::string::npos) << status->alarm;
+  EXPECT_FALSE(status->homed);
+  EXPECT_FALSE(opened->gantry->move_to(test::at_degrees(20, 30), soon(20s)));
+  EXPECT_FALSE(opened->lamp->set(1, soon(20s)));
+  const auto dark = opened->lamp->set(0, soon(20s));
+  EXPECT_TRUE(dark) << dark.error().message;
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, 5s);
+  EXPECT_EQ(world_->lamp_power(), 0.0);
+  const auto still = opened->gantry->status(soon(2s));
+  ASSERT_TRUE(still) << still.error().message;
+  EXPECT_NE(still->alarm.find("ALARM:1"), std::string::npos) << "forgotten";
+  ASSERT_TRUE(opened->gantry->clear_fault(soon(5s)));
+  const auto homed = opened->gantry->home(soon(20s));
+  EXPECT_TRUE(homed) << homed.error().message;
+  EXPECT_EQ(opened->gantry->status(soon(2s))->alarm, "");
+}
+
 TEST_F(GrblWire, AControllerFasterThanTheRigAllowsIsRefusedWithTheSettingToChange) {
   rig_.gantry.model.axes[1].max_acceleration /= 10;
   const auto opened = open();

@@ -161,11 +161,17 @@ Laboratory::Laboratory(const Rig& the_rig, std::vector<sim::Fault> faults)
       devices(sim::with_faults(sim::open_devices(rig, world).value(), script, *clock)) {}
 
 ReopenDevices Laboratory::reopen() {
-  return [this]() -> Result<Devices> {
-    auto opened = sim::open_devices(rig, world);
-    if (!opened) return opened;
-    return sim::with_faults(std::move(*opened), script, *clock);
-  };
+  return
+      [this](Reopen what, std::unique_ptr<Camera> old, const std::stop_token&) -> Result<Devices> {
+        old.reset();
+        auto opened = sim::open_devices(rig, world);
+        if (!opened) return opened;
+        if (what == Reopen::camera) {
+          opened->gantry.reset();
+          opened->lamp.reset();
+        }
+        return sim::with_faults(std::move(*opened), script, *clock);
+      };
 }
 
 SessionEnd capture_in(const SessionFolder& folder, Laboratory& laboratory, SessionControl& control,

@@ -1,0 +1,119 @@
+// The service over wires: ABORT against a camera that blocks, and the lamp's lease where the lamp
+// itself knows of none. The rig is at the far end of its wires, in this process; the service takes
+// it for a real one.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <thread>
+
+#include "config/read_rig.h"
+#include "daemon/service/service.h"
+#include "sim/hosted_rig.h"
+#include "sim/world.h"
+#include "tests/drivers/own_network.h"
+#include "tests/service/scratch_folder.h"
+#include "tests/wire/small_wire_rig.h"
+
+namespace lightrig {
+namespace {
+
+using namespace std::chrono_literals;
+using std::chrono::steady_clock;
+
+const Caller person{"person", "in process"};
+
+class ServiceOverWires : public testing::Test {
+ protected:
+  void SetUp() override {
+    for (const Backend& backend : backends())
+      if (!backend.built) GTEST_SKIP() << backend.name << " is left out of this build";
+    if (const std::string obstacle = test::enter_own_network(); !obstacle.empty())
+      GTEST_SKIP() << obstacle;
+    test::SmallWireRig text("wire_modbus_tcp.toml");
+    text.sessions_in(folder_.path() / "sessions");
+    text.set("max_exposure_s", "0.5");
+    text.set("max_on_time_s", "1.5");
+    const std::filesystem::path file = folder_.path() / "rig.toml";
+    std::ofstream(file) << text.text();
+    auto read = read_rig(file);
+    for (const Diagnostic& one : read.diagnostics) ADD_FAILURE() << to_text(one, read.text);
+    ASSERT_TRUE(read.value);
+    rig_ = std::move(*read.value);
+    auto hosted = sim::host_rig(rig_, rig_.session_defaults.object, 1);
+    ASSERT_TRUE(hosted) << hosted.error().message;
+    hosted_ = std::make_unique<sim::HostedRig>(std::move(*hosted));
+    service_ = std::make_unique<Service>(ServiceSettings{rig_, false, 1, 1}, log_, hub_, liveness_);
+    ASSERT_TRUE(service_->arm(person));
+    ASSERT_TRUE(wait_until([this] { return service_->snapshot().state == State::armed; }));
+  }
+
+  bool wait_until(const std::function<bool()>& good) const {
+    const auto end = steady_clock::now() + 60s;
+    while (!good() && steady_clock::now() < end) std::this_thread::sleep_for(2ms);
+    return good();
+  }
+  double lamp_power() const { return hosted_->world->lamp_power(); }
+  std::string activity() const {
+    const Snapshot now = service_->snapshot();
+    return now.session ? now.session->progress.activity : "";
+  }
+
+  ScratchFolder folder_;
+  Rig rig_;
+  std::unique_ptr<sim::HostedRig> hosted_;
+  Log log_{LogLevel::info, Log::Sink::none};
+  EventHub hub_;
+  Liveness liveness_;
+  std::unique_ptr<Service> service_;
+};
+
+// Every register call to a camera that does not answer blocks for seconds, and so does opening it
+// anew. None of that may keep ABORT: neither from taking effect, nor the session from ending.
+TEST_F(ServiceOverWires, AbortDoesNotWaitForACameraThatIsDeadOrBeingOpenedAgain) {
+  const auto spec = read_session({}, rig_);
+  ASSERT_TRUE(spec.value);
+  ASSERT_TRUE(service_->start(person, {*spec.value, {}, ""}));
+  ASSERT_TRUE(wait_until([this] { return lamp_power() > 0; })) << activity();
+  ASSERT_TRUE(hosted_->add_fault("frozen seconds=600"));
+  // The journal says so when the session begins to open the devices again.
+  std::filesystem::path journal;
+  ASSERT_TRUE(wait_until([&] {
+    const Snapshot now = service_->snapshot();
+    if (now.session) journal = now.session->folder / "journal.jsonl";
+    std::ifstream in(journal);
+    const std::string text{std::istreambuf_iterator<char>(in), {}};
+    return text.find("\"remedy\":\"reopen\"") != std::string::npos;
+  }));
+  std::this_thread::sleep_for(500ms);  // into the old camera's end, or the new one's opening
+  const auto asked = steady_clock::now();
+  service_->abort(person, "by test");
+  EXPECT_EQ(service_->snapshot().state, State::aborted);
+  ASSERT_TRUE(wait_until([this] {
+    const Snapshot now = service_->snapshot();
+    return now.session && now.session->state == "aborted" && !now.busy;
+  })) << activity();
+  // A register of a dead camera takes 2.5 s, its opening longer; the rest is slack for a loaded
+  // machine.
+  EXPECT_LT(steady_clock::now() - asked, 1s);
+  EXPECT_EQ(lamp_power(), 0);
+  EXPECT_TRUE(hosted_->world->gantry_status().at_rest);
+  EXPECT_FALSE(service_->snapshot().lamp_may_be_on);
+}
+
+TEST_F(ServiceOverWires, ALampThatAPersonLeftOnGoesDarkWhenItsLeaseEnds) {
+  const auto lit = steady_clock::now();
+  ASSERT_TRUE(service_->lamp(person, 1));
+  ASSERT_TRUE(wait_until([this] { return lamp_power() > 0; }));
+  ASSERT_TRUE(wait_until([this] { return lamp_power() == 0; }));
+  EXPECT_GE(steady_clock::now() - lit, 1500ms);
+  EXPECT_LT(steady_clock::now() - lit, 10s);
+  EXPECT_EQ(service_->snapshot().state, State::armed);
+  EXPECT_FALSE(service_->snapshot().lamp_may_be_on);
+}
+
+}  // namespace
+}  // namespace lightrig
