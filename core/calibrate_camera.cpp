@@ -8,6 +8,7 @@
 #include <cmath>
 #include <numbers>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 namespace lightrig {
@@ -44,6 +45,7 @@ Result<Optimum> optimise(std::span<const TargetCorners> views, int width, int he
       pixels.back().emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
   }
   Optimum best;
+  cv::setNumThreads(1);  // what is to do is small, and its threads would outlive the call
   try {
     cv::calibrateCamera(
         points, pixels, cv::Size(width, height), best.k, best.d, best.turns, best.shifts, 0,

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <opencv2/aruco/charuco.hpp>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 namespace lightrig {
@@ -111,6 +112,7 @@ Result<TargetCorners> find_corners(const GreyImage& image, const CalibrationTarg
   if (auto can_be = check_target(target); !can_be) return tl::unexpected(can_be.error());
   cv::Mat pixels(image.height, image.width, CV_8U);
   std::copy(image.pixels.begin(), image.pixels.end(), pixels.ptr<std::uint8_t>(0));
+  cv::setNumThreads(1);  // its threads would outlive the call
   try {
     return target.kind == CalibrationTarget::Kind::charuco ? find_charuco(pixels, target)
                                                            : find_checkerboard(pixels, target);
