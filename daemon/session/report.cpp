@@ -161,7 +161,7 @@ std::string spheres(const ResultPictures& pictures) {
       "<h2>The material</h2>\n<figure style=\"width:max-content;max-width:100%\">{}{}</figure>\n"
       "<p class=note>A sphere of it in a studio (a warm disc, a cool window, a strip from behind), "
       "or "
-      "in the light of the picture that `reduce --environment` was given{}.</p>\n",
+      "in the light of the picture that <code>reduce --environment</code> was given{}.</p>\n",
       names, image(pictures.spheres, "sphere of the reconstructed material", false),
       pictures.with_reference ? "; both with the same brightness" : "");
 }

@@ -68,12 +68,15 @@ svg .mean { stroke:var(--base); stroke-dasharray:6 4; } svg .label.mean { fill:v
 svg .random { stroke:var(--random); stroke-dasharray:2 3; } svg .label.random { fill:var(--random); }
 svg path.band { fill:var(--predicted); fill-opacity:.14; stroke:none; }
 svg .label { stroke:none !important; stroke-dasharray:none; }
+/* Pictures are drawn for a light page: black objects and dark marks would drown in a dark one. */
+@media screen and (prefers-color-scheme: dark) {
+  img.cells { background:#e3e7eb; } .light .strip img:not(.cells) { background:#8a939c; border-radius:3px; } }
 @media (max-width:44rem) { .light { grid-template-columns:1fr; } .light .strip { flex-wrap:wrap; } }
 @media print {
   :root { --paper:#fff; --ink:#000; --muted:#444; --rule:#bbb; --card:#f4f4f4; --warn:#603400; --warn-paper:#fff;
     --predicted:#1763a6; --held:#b3500f; --true:#1e7a3c; --base:#555; --random:#7a3fa0; }
   body { max-width:none; padding:0; font-size:10.5pt; }
-  h2 { break-after:avoid; } .card, figure, table tr { break-inside:avoid; }
+  h2 { break-after:avoid; } .card, figure, table tr, .light { break-inside:avoid; }
   .card, .warnings { border:1px solid #999; border-left-width:4px; }
 }
 )css";
