@@ -186,8 +186,6 @@ TEST_P(DeviceContract, NoCallBeginsWithoutTimeOrAfterAStop) {
 }
 
 TEST_P(DeviceContract, TheLampDoesWhatItIsToldAndNoMoreThanItsMaximum) {
-  // Some controllers are locked until they are homed, outputs and all.
-  ASSERT_TRUE(subject.devices.gantry->home(within(ample)));
   const double maximum = subject.rig.lamp.max_power;
   for (const double power : {0.0, maximum, maximum / 2, 0.0}) {
     const auto set = subject.devices.lamp->set(power, within(ample));
@@ -206,7 +204,6 @@ TEST_P(DeviceContract, TheLampDoesWhatItIsToldAndNoMoreThanItsMaximum) {
 }
 
 TEST_P(DeviceContract, ALampDestroyedIsDark) {
-  ASSERT_TRUE(subject.devices.gantry->home(within(ample)));
   ASSERT_TRUE(subject.devices.lamp->set(0.5, within(ample)));
   subject.devices.lamp.reset();
   if (!subject.lamp_power_at_far_end) GTEST_SKIP() << "this far end does not tell";

@@ -110,6 +110,7 @@ ContractSubject open_rtu() {
   return open_over(std::move(rig), backend);
 }
 
+// A GRBL controller takes no lamp command before it is homed.
 ContractSubject open_grbl(const std::variant<UsbEndpoint, SerialEndpoint>& endpoint) {
   Rig rig = contract_rig();
   GrblGantry backend;
@@ -117,7 +118,10 @@ ContractSubject open_grbl(const std::variant<UsbEndpoint, SerialEndpoint>& endpo
   backend.units_per_si = {degrees_per_rad, degrees_per_rad};
   backend.endpoint = endpoint;
   rig.lamp.backend = GantryLamp{"spindle"};
-  return open_over(std::move(rig), backend);
+  ContractSubject subject = open_over(std::move(rig), backend);
+  const auto homed = subject.devices.gantry->home({subject.clock->now() + 30s, {}});
+  EXPECT_TRUE(homed) << homed.error().message;
+  return subject;
 }
 
 ContractSubject open_grbl_tty() {
