@@ -251,13 +251,11 @@ void Service::on_event(const JournalEvent& event) {
   };
   if (event.event == "paused") apply(Event::pause, word("reason"));
   if (event.event == "resumed") apply(Event::resume);
-  const bool wrong_pose = event.event == "pose" && !word("reason").empty();
-  log_.write(wrong_pose ? LogLevel::warning : LogLevel::info, event.event,
-             {{"session", session},
-              {"seq", std::to_string(event.sequence)},
-              {"shot", word("name")},
-              {"outcome", word("outcome")},
-              {"reason", word("reason")}});
+  log_.info(event.event, {{"session", session},
+                          {"seq", std::to_string(event.sequence)},
+                          {"shot", word("name")},
+                          {"outcome", word("outcome")},
+                          {"reason", word("reason")}});
   log_.debug("journal", {{"seq", std::to_string(event.sequence)},
                          {"facts", event.fields.is_null() ? "" : event.fields.dump()}});
 }

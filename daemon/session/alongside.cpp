@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "core/check.h"
-#include "daemon/session/pose_check.h"
 
 namespace lightrig {
 
@@ -42,11 +41,6 @@ std::optional<CurvePoint> Alongside::wait_for_all(const std::stop_token& stop) {
   return done && !failed_ ? latest_ : std::nullopt;
 }
 
-std::optional<std::pair<std::string, PoseFit>> Alongside::take_pose() {
-  const std::lock_guard lock(mutex_);
-  return std::exchange(pose_, std::nullopt);
-}
-
 std::string Alongside::take_problem() {
   const std::lock_guard lock(mutex_);
   return std::exchange(problem_, {});
@@ -58,7 +52,6 @@ void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks)
   // it, things go on as they were.
   (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), 10);
   Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks), 1);
-  bool first = true;
   std::unique_lock lock(mutex_);
   while (changed_.wait(lock, stop, [this] { return !queue_.empty(); })) {
     if (stop.stop_requested()) return;
@@ -69,14 +62,8 @@ void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks)
     const Result<void> added = reduction.add(shot);
     std::optional<CurvePoint> point;
     if (added) point = reduction.estimate();
-    // Of a shot whose frames cannot be read the reduction has complained.
-    std::optional<PoseFit> pose;
-    if (added && std::exchange(first, false))
-      if (const auto judged = check_pose(rig_, prepared_, folder_, shot); judged && judged->told)
-        pose = *judged;
     lock.lock();
     working_ = false;
-    if (pose) pose_.emplace(shot.name, *pose);
     if (point) {
       latest_ = *point;
     } else if (!failed_) {

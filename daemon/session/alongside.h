@@ -7,9 +7,7 @@
 #include <stop_token>
 #include <string>
 #include <thread>
-#include <utility>
 
-#include "core/pose_fit.h"
 #include "daemon/session/reduction.h"
 
 namespace lightrig {
@@ -35,8 +33,6 @@ class Alongside {
   /// The estimate over all that was added; waits for it. Empty when stopped, failed or nothing was
   /// added.
   std::optional<CurvePoint> wait_for_all(const std::stop_token& stop);
-  /// How the object lies, judged by the first shot added, once it is known and could be told; once.
-  std::optional<std::pair<std::string, PoseFit>> take_pose();  ///< (shot, pose)
   /// The first failure, once; "" when there is none.
   std::string take_problem();
 
@@ -54,7 +50,6 @@ class Alongside {
   bool failed_ = false;
   std::string problem_;
   std::optional<CurvePoint> latest_;
-  std::optional<std::pair<std::string, PoseFit>> pose_;
   std::jthread thread_;  ///< last: it uses all of the above
 };
 

@@ -11,7 +11,6 @@
 #include "daemon/session/frame_file.h"
 #include "daemon/session/lay_candidates.h"
 #include "daemon/session/lit_sites.h"
-#include "daemon/session/pose_check.h"
 
 namespace lightrig {
 namespace {
@@ -254,18 +253,10 @@ Result<void> CaptureRun::collect_shot() {
   pending_.reset();
   captured_.shots.push_back(captured);
   alongside_.add(std::move(captured));
-  if (auto told = tell_pose(); !told) return told;
   if (const std::string problem = alongside_.take_problem(); !problem.empty()) {
     return note("reduction_failed", {{"reason", problem}});
   }
   return {};
-}
-
-/// Once in every part of a session, when the reduction alongside has looked at a shot.
-Result<void> CaptureRun::tell_pose() {
-  const auto pose = alongside_.take_pose();
-  if (!pose) return {};
-  return note("pose", pose_fields(pose->second, pose->first));
 }
 
 CapturedShot CaptureRun::describe(std::vector<StoredFrame> stored) const {

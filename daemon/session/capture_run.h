@@ -67,7 +67,6 @@ class CaptureRun {
   Result<std::optional<Ending>> capture_next(int index);
   std::optional<Ending> early_ending();
   Result<void> collect_shot();
-  Result<void> tell_pose();
   CapturedShot describe(std::vector<StoredFrame> stored) const;
   nlohmann::ordered_json shot_fields(const CapturedShot& captured) const;
   SessionEnd finish(const Result<Ending>& ending);
