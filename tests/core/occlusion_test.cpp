@@ -117,8 +117,8 @@ TEST(Occluder, KnowsTheHorizonOfATableByHand) {
   // Straight under the table top the sky is nowhere sure; on top of it, everywhere.
   EXPECT_GE(occluder.horizon(Eigen::Vector3d(0.05, 0.05, 0), up), 1);
   EXPECT_LT(occluder.horizon(Eigen::Vector3d(0, 0, 0.5), up), 0.1);
-  // Beside it: the top's nearest edge is 0.6 away and 0.5 high. No lower; higher by what stands for the
-  // triangle at a corner, 0.25 / (0.65 - 0.16) for a sine of 0.25 / 0.65, and by the room left.
+  // Beside it: the top's nearest edge is 0.6 away and 0.5 high. No lower; higher by what stands for
+  // the triangle at a corner, 0.25 / (0.65 - 0.16) for a sine of 0.25 / 0.65, and by the room left.
   const double sine = 0.5 / std::hypot(0.6, 0.5);
   const double found = occluder.horizon(Eigen::Vector3d(0.8, 0, 0), up);
   EXPECT_GT(found, sine);
