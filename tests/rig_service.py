@@ -39,14 +39,13 @@ class Gone(Exception):
 class Service:
     """One lightrigd on a socket of its own."""
 
-    used = float("inf")  # when the kept connection was used last
-
     def __init__(self, build, rig, root, socket_path, *arguments, env=None, log_level="error"):
         self.socket_path = str(socket_path)
         self.process = subprocess.Popen(
             [pathlib.Path(build) / "lightrigd", "--rig", rig, "--session-root", root, "--socket", self.socket_path,
              "--log-level", log_level, *arguments], env={**os.environ, **(env or {})})
         self.connection = None
+        self.used = 0.0  # when the kept connection was used last [s, monotonic]
 
     def wait_until_up(self, seconds=60):
         end = time.monotonic() + seconds
@@ -54,7 +53,7 @@ class Service:
             if self.process.poll() is not None:
                 raise Gone(f"the service ended with {self.process.returncode}")
             try:
-                self.connection = self.connect()
+                self.connection, self.used = self.connect(), time.monotonic()
                 return self
             except OSError:
                 time.sleep(0.002)

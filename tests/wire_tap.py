@@ -1,7 +1,7 @@
 """A tap on a gantry's wire: passes every byte on, and notes when a stop command passes. Run as a process of its own, so that its
 clock readings wait for nobody: `wire_tap.py KIND LISTEN FAR` prints "ready", then one CLOCK_MONOTONIC time [s] per stop.
 
-  modbus  LISTEN and FAR are ports of 127.0.0.1. A stop is a write to the generic profile's control word with its run bit clear.
+  modbus  LISTEN and FAR are ports of 127.0.0.1. A stop is the first write of the generic profile's [stop.trigger]: the control word with its stop bit set.
   rtu     as grbl below; a stop is the same write in an RTU frame.
   grbl    FAR is a tty; LISTEN is a path that becomes a link to the tap's own pty. A stop is a feed hold or a soft reset.
 """
@@ -13,15 +13,15 @@ import termios
 import time
 import tty
 
-CONTROL, RUN = 0x0010, 0x0004
+CONTROL, STOP = 0x0010, 0x0004
 
 
 def is_modbus_stop(pdu):
-    """Function code and data, as in the generic profile's [stop.trigger]: a single write, or a write of several from that register."""
+    """Function code and data: a single write of the control word, or a write of several from it on."""
     if len(pdu) >= 5 and pdu[0] == 6:
-        return int.from_bytes(pdu[1:3], "big") == CONTROL and not int.from_bytes(pdu[3:5], "big") & RUN
+        return int.from_bytes(pdu[1:3], "big") == CONTROL and bool(int.from_bytes(pdu[3:5], "big") & STOP)
     if len(pdu) >= 8 and pdu[0] == 16:
-        return int.from_bytes(pdu[1:3], "big") == CONTROL and not int.from_bytes(pdu[6:8], "big") & RUN
+        return int.from_bytes(pdu[1:3], "big") == CONTROL and bool(int.from_bytes(pdu[6:8], "big") & STOP)
     return False
 
 
