@@ -10,13 +10,13 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <vector>
 
 #include "cli/json_fields.h"
 #include "cli/say.h"
 #include "cli/service_client.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "daemon/session/durable_file.h"
 #include "drivers/devices.h"
 
@@ -32,8 +32,9 @@ constexpr std::size_t most_bytes = std::size_t{8} << 20;
 class Workshop {
  public:
   Workshop() {
-    std::string name = (fs::temp_directory_path() / "lightrig-bundle-XXXXXX").string();
-    if (mkdtemp(name.data()) != nullptr) path_ = name;
+    std::error_code error;
+    std::string name = (fs::temp_directory_path(error) / "lightrig-bundle-XXXXXX").string();
+    if (!error && mkdtemp(name.data()) != nullptr) path_ = name;
   }
   ~Workshop() {
     std::error_code ignored;
@@ -47,8 +48,14 @@ class Workshop {
   fs::path path_;
 };
 
-/// Runs a program found on PATH and gives what it prints; empty where it cannot be run.
-std::string output_of(std::vector<std::string> words) {
+/// What a program printed, and whether it could be run and ended with 0.
+struct Output {
+  std::string text;
+  bool succeeded = false;
+};
+
+/// Runs a program found on PATH.
+Output output_of(std::vector<std::string> words) {
   std::array<int, 2> ends{};
   if (pipe(ends.data()) != 0) return {};
   posix_spawn_file_actions_t actions;
@@ -63,19 +70,21 @@ std::string output_of(std::vector<std::string> words) {
   const int spawned = posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
   close(ends[1]);
-  std::string text;
+  Output output;
   std::array<char, 1 << 14> block{};
   for (ssize_t n = 0; spawned == 0 && (n = read(ends[0], block.data(), block.size())) > 0;)
-    text.append(block.data(), static_cast<std::size_t>(n));
+    output.text.append(block.data(), static_cast<std::size_t>(n));
   close(ends[0]);
-  if (spawned == 0) waitpid(child, nullptr, 0);
-  return text;
+  int status = -1;
+  output.succeeded = spawned == 0 && waitpid(child, &status, 0) == child && WIFEXITED(status) &&
+                     WEXITSTATUS(status) == 0;
+  return output;
 }
 
 /// The bundle as it is filled: a file each, and a list of what could not be had.
 class Bundle {
  public:
-  explicit Bundle(fs::path folder) : folder_(std::move(folder)) { fs::create_directories(folder_); }
+  explicit Bundle(fs::path folder) : folder_(std::move(folder)) {}
 
   void put(const std::string& name, const Result<std::string>& text) {
     if (!text) return miss(name, text.error().message);
@@ -84,8 +93,10 @@ class Bundle {
       kept.erase(0, kept.size() - most_bytes);
       miss(name, fmt::format("only the last {} of {} bytes are kept", most_bytes, text->size()));
     }
-    fs::create_directories((folder_ / name).parent_path());
-    std::ofstream(folder_ / name, std::ios::binary) << kept;
+    std::error_code error;
+    fs::create_directories((folder_ / name).parent_path(), error);
+    if (auto written = write_durably(folder_ / name, kept); !written)
+      return miss(name, written.error().message);
     ++files_;
   }
   void miss(const std::string& name, const std::string& why) {
@@ -126,9 +137,9 @@ void put_machine(Bundle& bundle) {
   for (const char* file : {"/proc/version", "/proc/meminfo", "/proc/loadavg", "/etc/os-release"})
     bundle.put("machine/" + fs::path(file).filename().string() + ".txt", read_file(file));
   const auto ask = [&](const char* name, std::vector<std::string> words) {
-    const std::string text = output_of(std::move(words));
-    if (text.empty()) return bundle.miss(name, "the program is not there, or said nothing");
-    bundle.put(name, text);
+    const Output output = output_of(std::move(words));
+    if (output.text.empty()) return bundle.miss(name, "the program is not there, or said nothing");
+    bundle.put(name, output.text);
   };
   ask("machine/disks.txt", {"df", "-h"});
   ask("machine/network.txt", {"ip", "address"});
@@ -167,13 +178,15 @@ int bundle(const BundleOptions& options) {
   bundle.end();
   const fs::path output =
       options.output.empty() ? fs::path(name + ".tar.gz") : fs::path(options.output);
-  const std::string said = output_of(
-      {"tar", "-czf", fs::absolute(output).string(), "-C", workshop.path().string(), name});
   std::error_code error;
-  if (!said.empty() || !fs::exists(output, error))
-    return complain(fmt::format("bundle: tar could not write {}: {}", output.string(), said));
+  const fs::path archive = fs::absolute(output, error);
+  const Output tar =
+      output_of({"tar", "-czf", archive.string(), "-C", workshop.path().string(), name});
+  if (error || !tar.succeeded)
+    return complain(fmt::format("bundle: tar could not write {}: {}", output.string(),
+                                tar.text.empty() ? "it could not be run" : tar.text));
   say(options.service.json
-          ? Json{{"bundle", fs::absolute(output).string()}, {"files", bundle.files()}}.dump()
+          ? json_text(Json{{"bundle", archive.string()}, {"files", bundle.files()}})
           : fmt::format("{} files in {}; it holds the rig file and the log, no frames and no token",
                         bundle.files(), output.string()));
   return 0;

@@ -6,7 +6,11 @@
 #include "cli/rig_files.h"
 #include "cli/say.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
+#include "config/load_materials.h"
+#include "config/load_object.h"
 #include "drivers/backends.h"
+#include "sim/open_devices.h"
 
 namespace lightrig::cli {
 namespace {
@@ -26,10 +30,23 @@ int tell_backends_needed(const Rig& rig) {
   for (const std::string& name : backends_named_by(rig))
     for (const Backend& backend : lightrig::backends())
       if (backend.name == name && !backend.built) {
-        complain(fmt::format("the rig names a {} device, but {}", name, backend.remedy));
+        complain(fmt::format("the rig names a device of the backend \"{}\", but {}", name,
+                             backend.remedy));
         ++absent;
       }
   return absent;
+}
+
+// What the files name, as far as it can be judged without a plan; one line per mistake.
+std::vector<std::string> mistakes_in_contents(const Rig& rig, const SessionSpec& spec) {
+  std::vector<std::string> mistakes;
+  if (const auto object = load_object(spec.object); !object)
+    mistakes.push_back(object.error().message);
+  if (const auto files = count_material_files(spec.materials); !files)
+    mistakes.push_back(files.error().message);
+  if (rig.simulation)
+    if (const auto truth = sim::truth_of(rig); !truth) mistakes.push_back(truth.error().message);
+  return mistakes;
 }
 
 }  // namespace
@@ -37,20 +54,30 @@ int tell_backends_needed(const Rig& rig) {
 int check(const CheckOptions& options) {
   const RigFiles files = read_rig_files(options.rig, options.session);
   const int absent = files.rig.value ? tell_backends_needed(*files.rig.value) : 0;
+  const std::vector<std::string> mistakes =
+      files.valid() ? mistakes_in_contents(*files.rig.value, files.spec())
+                    : std::vector<std::string>();
+  const bool usable = files.valid() && mistakes.empty() && absent == 0;
   if (options.json) {
     Json list = Json::array();
     add_json(list, files.rig.diagnostics);
     if (files.session) add_json(list, files.session->diagnostics);
-    say(Json{{"valid", files.valid()}, {"diagnostics", std::move(list)}}.dump());
-    return files.valid() && absent == 0 ? 0 : 1;
+    say(json_text(Json{{"valid", files.valid() && mistakes.empty()},
+                       {"backends_absent", absent},
+                       {"contents", mistakes},
+                       {"diagnostics", std::move(list)}}));
+    return usable ? 0 : 1;
   }
   show_diagnostics(files);
   if (!files.valid()) return 1;
+  for (const std::string& mistake : mistakes) complain(fmt::format("{}: {}", options.rig, mistake));
+  if (!mistakes.empty()) return 1;
   if (options.print)
     for (const std::string& line : effective_values(*files.rig.value, files.spec())) say(line);
-  say(fmt::format("{}: valid{}", options.rig,
-                  options.session.empty() ? "" : ", and so is " + options.session));
-  return absent == 0 ? 0 : 1;
+  say(fmt::format("{}: valid{}{}", options.rig,
+                  options.session.empty() ? "" : ", and so is " + options.session,
+                  absent == 0 ? "" : ", but this build cannot open the rig"));
+  return usable ? 0 : 1;
 }
 
 int backends(bool json) {
@@ -61,7 +88,7 @@ int backends(bool json) {
     Json list = Json::array();
     for (const Backend& one : all)
       list.push_back({{"name", one.name}, {"built", one.built}, {"remedy", one.remedy}});
-    say(list.dump());
+    say(json_text(list));
     return 0;
   }
   std::string text;

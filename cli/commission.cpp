@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -15,6 +16,7 @@
 #include "cli/say.h"
 #include "cli/service_client.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "daemon/session/durable_file.h"
 
 namespace lightrig::cli {
@@ -23,17 +25,19 @@ namespace {
 using namespace std::chrono_literals;
 using SteadyClock = std::chrono::steady_clock;
 
-constexpr double step_deg = 5, step_mm = 20;  ///< travel by which a direction is shown
-constexpr double off_by = 0.1;                ///< [deg or mm] a read-back may differ by this much
+constexpr double off_by = 0.1;  ///< [deg or mm] a read-back may differ by this much
 
-/// What one check found: passed, failed, or skipped with the reason.
+/// Travel by which a direction is shown: degrees, millimetres, or the next lamp.
+double step_of(const std::string& unit) { return unit == "deg" ? 5 : unit == "mm" ? 20 : 1; }
+
+/// What one check found. What nobody saw and nothing measured is not proven, and no pass.
 struct Finding {
-  bool passed = false, skipped = false;
+  enum class Outcome : std::uint8_t { passed, failed, not_proven } outcome;
   std::string what;
 };
-Finding passed(std::string what) { return {true, false, std::move(what)}; }
-Finding failed(std::string what) { return {false, false, std::move(what)}; }
-Finding skipped(std::string what) { return {true, true, std::move(what)}; }
+Finding passed(std::string what) { return {Finding::Outcome::passed, std::move(what)}; }
+Finding failed(std::string what) { return {Finding::Outcome::failed, std::move(what)}; }
+Finding not_proven(std::string what) { return {Finding::Outcome::not_proven, std::move(what)}; }
 
 /// One rig being commissioned: its checks in order, and their record.
 class Commissioning {
@@ -66,16 +70,17 @@ class Commissioning {
     for (const Json& interlock : rig_["interlocks"])
       check("interlock " + interlock.get<std::string>(), "it is opened by hand",
             [&] { return interlock_opens(interlock.get<std::string>()); });
-    (void)client_.post("/v1/disarm", Json::object());
+    check("left unarmed", "the rig is disarmed", [this] { return unarmed(); });
     return Json{{"schema", "lightrig.commissioning/1"},
                 {"rig", rig_["name"]},
                 {"rig_sha256", sha256_hex(text(rig_, "text"))},
                 {"at", now_utc()},
                 {"asked_a_person", ask_},
-                {"passed", failures_ == 0},
+                {"passed", failures_ == 0 && unproven_ == 0},
                 {"checks", checks_}};
   }
   int failures() const { return failures_; }
+  int unproven() const { return unproven_; }
 
  private:
   static std::string now_utc() {
@@ -87,8 +92,11 @@ class Commissioning {
     say(fmt::format("{}: {} …", name, how));
     std::fflush(stdout);
     const Finding found = run();
-    if (!found.passed) ++failures_;
-    const char* outcome = found.skipped ? "skipped" : found.passed ? "passed" : "FAILED";
+    failures_ += found.outcome == Finding::Outcome::failed ? 1 : 0;
+    unproven_ += found.outcome == Finding::Outcome::not_proven ? 1 : 0;
+    const char* outcome = found.outcome == Finding::Outcome::passed   ? "passed"
+                          : found.outcome == Finding::Outcome::failed ? "FAILED"
+                                                                      : "not proven";
     say(fmt::format("  {}: {}", outcome, found.what));
     checks_.push_back({{"check", name},
                        {"how", how},
@@ -97,7 +105,7 @@ class Commissioning {
                        {"at", now_utc()}});
   }
 
-  /// A person's answer. Without one it is taken as given, and the record says so.
+  /// A person's answer; without a person, go on.
   bool person_says(const std::string& question) {
     if (!ask_) return true;
     fmt::print("  {} [y/n] ", question);
@@ -106,8 +114,9 @@ class Commissioning {
     return std::getline(std::cin, answer) && !answer.empty() &&
            (answer[0] == 'y' || answer[0] == 'Y');
   }
+  /// What only eyes can tell is not proven without them.
   Finding seen(const std::string& measured, const std::string& question) {
-    if (!ask_) return passed(measured + "; nobody was asked to look");
+    if (!ask_) return not_proven(measured + "; nobody was asked: " + question);
     return person_says(question) ? passed(measured + "; seen by a person")
                                  : failed(measured + "; but a person says no: " + question);
   }
@@ -135,12 +144,18 @@ class Commissioning {
     for (std::size_t i = 0; i < rig_["axes"].size(); ++i)
       if (text(rig_["axes"][i], "name") == name && at.is_array() && i < at.size() &&
           at[i].is_number())
-        return at[i].get<double>() *
-               (text(rig_["axes"][i], "unit") == "deg" ? 180 / std::numbers::pi : 1e3);
+        return at[i].get<double>() * per_si(text(rig_["axes"][i], "unit"));
     return std::nan("");
   }
   Result<std::string> move_to(const Json& axis, double to) {
-    return carry_out("/v1/jog", {{"axis", text(axis, "name")}, {"to_" + text(axis, "unit"), to}});
+    return carry_out("/v1/jog", {{"axis", text(axis, "name")}, {to_member(axis), to}});
+  }
+
+  static double per_si(const std::string& unit) {
+    return unit == "deg" ? 180 / std::numbers::pi : unit == "mm" ? 1e3 : 1;
+  }
+  static std::string to_member(const Json& axis) {
+    return text(axis, "unit").empty() ? "to" : fmt::format("to_{}", text(axis, "unit"));
   }
 
   Finding unarmed() {
@@ -155,8 +170,8 @@ class Commissioning {
     if (early) return failed("it homed although the rig was not armed");
     if (auto done = armed(); !done) return failed(done.error().message);
     if (part(part(status(), "devices"), "gantry").value("homed", false))
-      return skipped("the controller says that it is homed already; not moved while unarmed: " +
-                     early.error().message);
+      return not_proven("the controller says that it is homed already; not moved while unarmed: " +
+                        early.error().message);
     const auto moved = move_to(rig_["axes"][0], rig_["axes"][0]["home"].get<double>());
     return moved ? failed("it moved without being homed") : passed(moved.error().message);
   }
@@ -173,7 +188,7 @@ class Commissioning {
 
   Finding direction(const Json& axis) {
     const std::string name = text(axis, "name"), unit = text(axis, "unit");
-    const double from = position(name), step = unit == "deg" ? step_deg : step_mm;
+    const double from = position(name), step = step_of(unit);
     // Towards the side where there is room.
     const double sign = from + step <= axis["max"].get<double>() ? 1 : -1;
     if (auto done = move_to(axis, from + sign * step); !done) return failed(done.error().message);
@@ -204,12 +219,15 @@ class Commissioning {
   }
 
   Finding abort_in_motion() {
-    const Json& axis = rig_["axes"][0];
+    const auto moving = std::ranges::find_if(
+        rig_["axes"], [](const Json& one) { return !text(one, "unit").empty(); });
+    if (moving == rig_["axes"].end()) return not_proven("nothing moves on this rig");
+    const Json& axis = *moving;
     const std::string name = text(axis, "name");
     const double from = position(name), low = axis["min"].get<double>(),
                  high = axis["max"].get<double>();
     const double to = high - from > from - low ? high : low;
-    const auto reply = client_.post("/v1/jog", {{"axis", name}, {"to_" + text(axis, "unit"), to}});
+    const auto reply = client_.post("/v1/jog", {{"axis", name}, {to_member(axis), to}});
     if (!reply) return failed(reply.error().message);
     std::this_thread::sleep_for(200ms);
     if (!status().value("busy", false))
@@ -269,7 +287,7 @@ class Commissioning {
   }
 
   Finding interlock_opens(const std::string& name) {
-    if (!ask_) return skipped("it takes a hand");
+    if (!ask_) return not_proven("it takes a hand");
     if (auto done = armed_and_homed(); !done) return failed(done.error().message);
     if (!person_says("Open " + name + ", then answer y. Is it open?"))
       return failed("a person did not open it");
@@ -284,7 +302,7 @@ class Commissioning {
   bool ask_;
   Json rig_;
   Json checks_ = Json::array();
-  int failures_ = 0;
+  int failures_ = 0, unproven_ = 0;
 };
 
 }  // namespace
@@ -303,13 +321,14 @@ int commission(const CommissionOptions& options) {
                 "commissioning-{:%Y%m%dT%H%M%SZ}.json",
                 fmt::gmtime(std::chrono::system_clock::to_time_t(std::chrono::system_clock::now())))
           : options.output;
-  if (auto written = write_durably(file, record->dump(1) + "\n"); !written)
+  if (auto written = write_durably(file, json_text(*record, 1) + "\n"); !written)
     return complain(written.error());
   if (options.service.json)
-    say(record->dump());
+    say(json_text(*record));
   else
-    say(fmt::format("{} of {} checks failed; the record is {}", commissioning.failures(),
-                    (*record)["checks"].size(), file));
+    say(fmt::format("{} of {} checks failed, {} are not proven; the record is {}",
+                    commissioning.failures(), (*record)["checks"].size(), commissioning.unproven(),
+                    file));
   return commissioning.failures() == 0 ? 0 : 1;
 }
 

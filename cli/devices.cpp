@@ -14,6 +14,7 @@
 #include "cli/rig_files.h"
 #include "cli/say.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "drivers/devices.h"
 
 namespace lightrig::cli {
@@ -113,7 +114,7 @@ int devices(const DevicesOptions& options) {
     for (const Found& one : found)
       list.push_back(
           {{"kind", one.kind}, {"name", one.name}, {"what", one.what}, {"obstacle", one.obstacle}});
-    say(Json{{"devices", std::move(list)}}.dump());
+    say(json_text(Json{{"devices", std::move(list)}}));
   } else {
     std::vector<std::vector<std::string>> rows;
     for (const Found& one : found)

@@ -9,6 +9,7 @@
 #include "cli/json_fields.h"
 #include "cli/say.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "config/load_materials.h"
 #include "core/builtin_materials.h"
 #include "daemon/session/durable_file.h"
@@ -43,15 +44,14 @@ int tell(const std::string& name, const std::string& family, const std::string& 
          const BrdfTable& table_, bool json) {
   const Range range = range_of(table_);
   if (json) {
-    say(Json{{"name", name},
-             {"family", family},
-             {"source", source},
-             {"grid", {table_.grid.n_h, table_.grid.n_d}},
-             {"values", range.values},
-             {"least_per_sr", range.least},
-             {"median_per_sr", range.median},
-             {"most_per_sr", range.most}}
-            .dump());
+    say(json_text(Json{{"name", name},
+                       {"family", family},
+                       {"source", source},
+                       {"grid", {table_.grid.n_h, table_.grid.n_d}},
+                       {"values", range.values},
+                       {"least_per_sr", range.least},
+                       {"median_per_sr", range.median},
+                       {"most_per_sr", range.most}}));
     return 0;
   }
   say(
@@ -74,7 +74,7 @@ int materials_list(bool json) {
     ++families[one.family];
   }
   if (json) {
-    say(list.dump());
+    say(json_text(list));
     return 0;
   }
   std::string summary;

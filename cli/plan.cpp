@@ -12,6 +12,7 @@
 #include "cli/rig_files.h"
 #include "cli/say.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "daemon/session/capture_time.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/plan_json.h"
@@ -178,15 +179,13 @@ Json dry_run_json(const Rig& rig, const Plan& plan, const CaptureTime& time) {
   const auto ranges = axis_ranges(plan, rig.gantry.model.axes.size());
   for (std::size_t a = 0; a < ranges.size(); ++a) {
     const Axis& axis = rig.gantry.model.axes[a];
-    const double scale = axis.selector ? 1 : axis.rotary ? 180 / std::numbers::pi : 1e3;
+    const AxisUnit unit = unit_of(axis);
     axes.push_back({{"axis", axis.name},
-                    {"unit", axis.selector ? ""
-                             : axis.rotary ? "deg"
-                                           : "mm"},
-                    {"least", ranges[a].least * scale},
-                    {"most", ranges[a].most * scale},
-                    {"travel_min", axis.min * scale},
-                    {"travel_max", axis.max * scale}});
+                    {"unit", unit.name},
+                    {"least", ranges[a].least * unit.per_si},
+                    {"most", ranges[a].most * unit.per_si},
+                    {"travel_min", axis.min * unit.per_si},
+                    {"travel_max", axis.max * unit.per_si}});
   }
   return {{"dark_s", time.dark},
           {"steps", std::move(steps)},
@@ -234,7 +233,7 @@ int dry_run(const DryRunOptions& options) {
   const auto prepared = prepare(rig, files.spec());
   if (!prepared) return complain(with_context("plan", prepared.error()));
   const CaptureTime time = capture_time(rig, files.spec(), prepared->plan);
-  say(options.json ? dry_run_json(rig, prepared->plan, time).dump()
+  say(options.json ? json_text(dry_run_json(rig, prepared->plan, time))
                    : dry_run_words(rig, prepared->plan, time));
   return 0;
 }

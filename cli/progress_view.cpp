@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <string_view>
 
 #include "cli/json_fields.h"
 #include "cli/say.h"
@@ -17,6 +18,24 @@ std::string bar(double part, int cells) {
   std::string text;
   for (int i = 0; i < cells; ++i) text += i < full ? "█" : "░";
   return text;
+}
+
+/// Code points: what this program writes takes one column each.
+int columns(std::string_view text) {
+  return static_cast<int>(std::ranges::count_if(
+      text, [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
+}
+
+std::string cut_to(const std::string& text, int width) {
+  if (columns(text) <= width) return text;
+  std::string cut;
+  int count = 0;
+  for (const char c : text) {
+    const bool begins = (static_cast<unsigned char>(c) & 0xC0) != 0x80;
+    if (begins && ++count > std::max(width - 1, 0)) break;
+    cut += c;
+  }
+  return cut + "…";
 }
 
 std::string error_words(const Json& progress) {
@@ -38,10 +57,12 @@ std::string progress_line(const Json& progress, int width) {
   const std::string facts =
       fmt::format("{:3.0f} %  {}/{} lights  {}  {}", std::isfinite(percent) ? percent : 0, done,
                   total, left, error_words(progress));
-  std::string activity = progress.value("activity", "");
-  // The bar takes what is left of the line, the words go first.
-  const int cells = std::clamp(width - static_cast<int>(facts.size() + activity.size()) - 6, 8, 30);
-  return fmt::format("{} {}  {}", bar(percent / 100, cells), facts, activity);
+  const std::string activity = progress.value("activity", "");
+  // The facts stand; the bar gives way first, then the words. The last column stays free: a
+  // terminal that wraps there would leave every line behind.
+  const int room = width - 1 - columns(facts) - 3;
+  const int cells = std::clamp(room - columns(activity), std::min(8, std::max(room, 0)), 30);
+  return cut_to(fmt::format("{} {}  {}", bar(percent / 100, cells), facts, activity), width - 1);
 }
 
 void ProgressView::show(const Json& progress) {

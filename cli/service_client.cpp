@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "cli/json_fields.h"
+#include "config/json_text.h"
 #include "daemon/session/json_parse.h"
 
 namespace lightrig::cli {
@@ -156,7 +157,7 @@ Result<Json> ServiceClient::get_json(const std::string& path) const { return par
 
 Result<Json> ServiceClient::post(const std::string& path, const Json& body) const {
   Transfer transfer(socket_, as_, path);
-  transfer.post(body.dump());
+  transfer.post(json_text(body));
   return parsed(call(transfer, socket_));
 }
 
@@ -178,17 +179,25 @@ Result<void> ServiceClient::events(
 
 Result<std::string> ServiceClient::wait_for(std::uint64_t command) const {
   using namespace std::chrono_literals;
-  while (true) {
+  bool known = true;
+  while (known) {
     const auto status = get_json("/v1/status");
     if (!status) return tl::unexpected(status.error());
+    known = false;
     for (const Json& one : status->value("commands", Json::array())) {
       if (one.value("id", std::uint64_t{0}) != command) continue;
+      known = true;
       const std::string state = one.value("state", "");
       if (state == "done") return one.value("message", "");
       if (state == "failed") return fail(ErrorCode::refused, one.value("message", ""));
     }
-    std::this_thread::sleep_for(50ms);
+    if (known) std::this_thread::sleep_for(50ms);
   }
+  // Records are kept for a while only, and not over a restart.
+  return fail(ErrorCode::not_found,
+              fmt::format("the service no longer knows command {}: it was restarted, or much was "
+                          "asked of it since; see lightrig status",
+                          command));
 }
 
 }  // namespace lightrig::cli

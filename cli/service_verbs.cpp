@@ -12,6 +12,7 @@
 #include "cli/say.h"
 #include "cli/service_client.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/pose_overlay.h"
 #include "daemon/session/session_folder.h"
@@ -84,12 +85,14 @@ Result<std::string> session_or_current(const ServiceClient& client, const std::s
 std::string standing(const Json& one, const std::string& root) {
   const std::string state = text(one, "state"), id = text(one, "id");
   if (one.value("result", false)) return "result";
-  if (state == "done") return fmt::format("captured, no result; lightrig reduce {}/{}", root, id);
+  if (state == "done") return fmt::format("captured, no result; lightrig resume {}", id);
   if (state == "damaged") return fmt::format("damaged; lightrig verify {}/{}", root, id);
   if (state.empty()) return "no result";
   const std::string so_far = fmt::format("{} after {} of {} lights", state,
                                          whole(one, "shots_done"), whole(one, "shots_planned"));
-  return state == "capturing" ? so_far : fmt::format("{}; lightrig resume {}", so_far, id);
+  return state == "capturing" || state == "reducing"
+             ? so_far
+             : fmt::format("{}; lightrig resume {}", so_far, id);
 }
 
 // The newest session where it waits for somebody to go on with it: after a crash nothing else says
@@ -106,7 +109,7 @@ std::string unfinished_words(const ServiceClient& client) {
 
 int finish(const Result<Json>& reply, bool json, const std::string& done) {
   if (!reply) return complain(reply.error());
-  say(json ? reply->dump() : done);
+  say(json ? json_text(*reply) : done);
   return 0;
 }
 
@@ -164,7 +167,7 @@ int carry_out(const ServiceOptions& options, const std::string& path, const Json
   if (!reply) return complain(reply.error());
   const auto end = client.wait_for(reply->value("command", std::uint64_t{0}));
   if (!end) return complain(end.error());
-  say(options.json ? Json{{"ok", true}, {"message", *end}}.dump() : *end);
+  say(options.json ? json_text(Json{{"ok", true}, {"message", *end}}) : *end);
   return 0;
 }
 
@@ -175,7 +178,7 @@ int status(const ServiceOptions& options) {
   const auto status = client.get_json("/v1/status");
   if (!status) return complain(status.error());
   if (options.json) {
-    say(status->dump());
+    say(json_text(*status));
     return 0;
   }
   say(status_words(*status) +
@@ -188,23 +191,20 @@ int command(const ServiceOptions& options, const std::string& verb) {
 }
 
 int jog(const JogOptions& options) {
-  // Degrees or millimetres: the service knows the axis, so the unit is tried in its words.
-  const char* rotary = options.to ? "to_deg" : "by_deg";
-  const char* linear = options.to ? "to_mm" : "by_mm";
   const ServiceClient client(options.service);
-  for (const char* unit : {rotary, linear}) {
-    const auto reply = client.post("/v1/jog", {{"axis", options.axis}, {unit, options.amount}});
-    const bool other_unit =
-        !reply && reply.error().code == ErrorCode::invalid_input &&
-        reply.error().message.find("takes exactly one number") != std::string::npos;
-    if (other_unit && unit == rotary) continue;
-    if (!reply) return complain(reply.error());
-    const auto end = client.wait_for(reply->value("command", std::uint64_t{0}));
-    if (!end) return complain(end.error());
-    say(options.service.json ? Json{{"ok", true}, {"message", *end}}.dump() : *end);
-    return 0;
-  }
-  return 1;
+  const auto rig = client.get_json("/v1/rig");
+  if (!rig) return complain(rig.error());
+  // The unit is the axis' own; an axis that there is not is the service's to refuse.
+  std::string member = options.to ? "to" : "by";
+  for (const Json& axis : part(*rig, "axes"))
+    if (text(axis, "name") == options.axis && !text(axis, "unit").empty())
+      member = fmt::format("{}_{}", member, text(axis, "unit"));
+  const auto reply = client.post("/v1/jog", {{"axis", options.axis}, {member, options.amount}});
+  if (!reply) return complain(reply.error());
+  const auto end = client.wait_for(reply->value("command", std::uint64_t{0}));
+  if (!end) return complain(end.error());
+  say(options.service.json ? json_text(Json{{"ok", true}, {"message", *end}}) : *end);
+  return 0;
 }
 
 int steer(const ServiceOptions& options, const std::string& verb, const std::string& id) {
@@ -218,7 +218,7 @@ int steer(const ServiceOptions& options, const std::string& verb, const std::str
   const Ordered& ordered = verb == "pause" ? pausing : verb == "halt" ? halting : resuming;
   const auto end = wait_until(client, ordered);
   if (!end) return complain(end.error());
-  say(options.json ? Json{{"ok", true}, {"state", *end}}.dump()
+  say(options.json ? json_text(Json{{"ok", true}, {"state", *end}})
                    : fmt::format(fmt::runtime(ordered.done), *end));
   return 0;
 }
@@ -236,7 +236,7 @@ int abort(const ServiceOptions& options, const std::string& reason) {
   if (!status || status->value("lamp_may_be_on", true))
     return complain("aborted, but LAMP MAY BE ON: look, and switch it off by hand");
   say(options.json
-          ? reply->dump()
+          ? json_text(*reply)
           : "aborted: motion stopped, lamp dark, rig " + *end + ". This is no emergency stop");
   return 0;
 }
@@ -255,7 +255,7 @@ int sessions(const ServiceOptions& options) {
   const auto reply = ServiceClient(options).get_json("/v1/sessions");
   if (!reply) return complain(reply.error());
   if (options.json) {
-    say(reply->dump());
+    say(json_text(*reply));
     return 0;
   }
   std::vector<std::vector<std::string>> rows;

@@ -9,6 +9,7 @@
 #include "cli/say.h"
 #include "cli/service_client.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "daemon/session/compare.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/json_cursor.h"
@@ -64,11 +65,11 @@ std::string left_out_words(const Json& left_out) {
   return left_out_table(lines, drivers);
 }
 
-std::string seconds_table(const Json& seconds) {
+std::string seconds_table(const std::string& title, const Json& seconds) {
   std::vector<std::vector<std::string>> rows;
   for (const auto& [stage, value] : seconds.items())
     if (value.is_number()) rows.push_back({stage, fmt::format("{:.3f}", value.get<double>())});
-  return table({"stage", "seconds"}, rows);
+  return rows.empty() ? "" : table({title, "seconds"}, rows) + "\n";
 }
 
 std::string plan_costs(const std::filesystem::path& session) {
@@ -76,10 +77,7 @@ std::string plan_costs(const std::filesystem::path& session) {
   if (!plan_text) return {};
   const auto plan = parse_json(*plan_text);
   if (!plan) return {};
-  std::vector<std::vector<std::string>> rows;
-  for (const auto& [stage, value] : part(part(*plan, "cost"), "stages_s").items())
-    if (value.is_number()) rows.push_back({stage, fmt::format("{:.3f}", value.get<double>())});
-  return rows.empty() ? "" : table({"planning", "seconds"}, rows) + "\n";
+  return seconds_table("planning", part(part(*plan, "cost"), "stages_s"));
 }
 
 std::string result_words(const std::filesystem::path& session, const Json& json) {
@@ -100,7 +98,8 @@ std::string result_words(const std::filesystem::path& session, const Json& json)
                          percent(number(error, "percent_linear_cos")));
   words += fmt::format("\n{}\n", baseline_words(part(json, "baselines")));
   words += left_out_words(part(json, "left_out")) + "\n" + plan_costs(session) +
-           seconds_table(part(part(json, "cost"), "seconds"));
+           seconds_table("on the rig", part(part(json, "cost"), "capture_seconds")) +
+           seconds_table("stage", part(part(json, "cost"), "seconds"));
   for (const Json& warning : part(json, "warnings"))
     if (warning.is_string()) words += "warning: " + warning.get<std::string>() + "\n";
   const std::filesystem::path folder = session / "result";
@@ -160,7 +159,7 @@ int reduce(const ReduceOptions& options) {
     if (!summary->curve.empty())
       json["predicted_error_percent"] = summary->curve.back().predicted_error_percent;
     if (summary->has_truth) json["true_error_percent"] = summary->true_error.percent_log;
-    say(json.dump());
+    say(json_text(json));
     return 0;
   }
   std::vector<std::vector<std::string>> rows;
@@ -178,8 +177,8 @@ int verify(const ReduceOptions& options) {
   const auto report = verify_session(options.session, threads_of(options.threads));
   if (!report) return complain(with_context("verify " + options.session, report.error()));
   if (options.json) {
-    say(Json{{"sound", report->sound}, {"findings", report->findings}, {"summary", report->summary}}
-            .dump());
+    say(json_text(Json{
+        {"sound", report->sound}, {"findings", report->findings}, {"summary", report->summary}}));
     return report->sound ? 0 : 1;
   }
   for (const std::string& finding : report->findings) complain(finding);
@@ -217,13 +216,12 @@ int compare(const CompareOptions& options) {
     if (auto written = write_durably(options.picture, comparison->png); !written)
       return complain(with_context("write the picture", written.error()));
   if (options.json) {
-    say(Json{{"percent_log", error.percent_log},
-             {"percent_linear_cos", error.percent_linear_cos},
-             {"median_abs_log", error.median_abs_log},
-             {"cells", error.cells},
-             {"mean_ratio", comparison->mean_ratio},
-             {"percent_log_scaled", comparison->percent_log_scaled}}
-            .dump());
+    say(json_text(Json{{"percent_log", error.percent_log},
+                       {"percent_linear_cos", error.percent_linear_cos},
+                       {"median_abs_log", error.median_abs_log},
+                       {"cells", error.cells},
+                       {"mean_ratio", comparison->mean_ratio},
+                       {"percent_log_scaled", comparison->percent_log_scaled}}));
     return 0;
   }
   say(table(

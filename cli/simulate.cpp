@@ -16,6 +16,7 @@
 #include "cli/rig_files.h"
 #include "cli/say.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "core/brdf_table.h"
 #include "daemon/session/durable_file.h"
 #include "sim/hosted_rig.h"
@@ -76,11 +77,10 @@ void describe(const sim::HostedRig& hosted, const fs::path& truth, const Rig& ri
     Json wires = Json::array();
     for (const sim::HostedWire& wire : hosted.wires)
       wires.push_back({{"part", wire.part}, {"address", wire.address}});
-    return tell(Json{{"rig", rig.name},
-                     {"wires", std::move(wires)},
-                     {"environment", hosted.environment()},
-                     {"truth", truth.string()}}
-                    .dump());
+    return tell(json_text(Json{{"rig", rig.name},
+                               {"wires", std::move(wires)},
+                               {"environment", hosted.environment()},
+                               {"truth", truth.string()}}));
   }
   say("rig          " + rig.name);
   for (const sim::HostedWire& wire : hosted.wires)
@@ -146,7 +146,7 @@ Result<void> write_record(const sim::World& world, const std::string& path) {
                     {"moving", record.moment.moving},
                     {"lamp_power", record.moment.lamp_power},
                     {"content", fmt::format("{:016x}", record.content)}};
-    text += line.dump() + "\n";
+    text += json_text(line) + "\n";
   }
   return write_durably(path, std::as_bytes(std::span(text)));
 }

@@ -9,6 +9,7 @@
 #include "cli/say.h"
 #include "cli/service_client.h"
 #include "cli/verbs.h"
+#include "config/json_text.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/json_parse.h"
 #include "daemon/session/plan_json.h"
@@ -23,7 +24,7 @@ bool has_ended(const std::string& state) {
 
 int tell_end(const Json& session, bool json) {
   const std::string state = text(session, "state");
-  if (json) say(session.dump());
+  if (json) say(json_text(session));
   if (state != "done")
     return complain(fmt::format("session {}: {}{}{}", text(session, "id"), state,
                                 text(session, "reason").empty() ? "" : ": ",
@@ -69,7 +70,7 @@ int follow(const ServiceClient& client, const std::string& id, bool json) {
     }
     if (event == "progress" && text(data, "session") == id) {
       if (json)
-        say(data.dump());
+        say(json_text(data));
       else
         view.show(data);
     }
@@ -116,7 +117,7 @@ int start(const StartOptions& options) {
   if (!reply) return complain(reply.error());
   const std::string id = text(*reply, "id");
   if (!options.wait) {
-    say(options.service.json ? reply->dump()
+    say(options.service.json ? json_text(*reply)
                              : fmt::format("session {} has begun; lightrig watch follows it", id));
     return 0;
   }

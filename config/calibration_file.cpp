@@ -6,6 +6,7 @@
 #include <array>
 #include <nlohmann/json.hpp>
 
+#include "config/json_text.h"
 #include "config/read_bytes.h"
 
 namespace lightrig {
@@ -27,8 +28,8 @@ std::string sha256_of(const std::string& text) {
 
 /// The document with the hash of what stands before it.
 std::string sealed(Json json) {
-  json["sha256"] = sha256_of(json.dump());
-  return json.dump(1) + "\n";
+  json["sha256"] = sha256_of(json_text(json));
+  return json_text(json, 1) + "\n";
 }
 
 Json list_of(const Eigen::Ref<const Eigen::VectorXd>& values) {
@@ -66,7 +67,7 @@ Result<Json> read_sealed(const std::filesystem::path& file, const char* schema, 
     return not_as_written(what);
   const std::string seal = json["sha256"];
   json.erase("sha256");
-  if (sha256_of(json.dump()) != seal) return not_as_written(what);
+  if (sha256_of(json_text(json)) != seal) return not_as_written(what);
   return json;
 }
 

@@ -52,11 +52,12 @@ Loaded load_file(const fs::path& file) {
   loaded.material = Material{name, "", file.filename().string(), to_bivariate(*table),
                              azimuth_departures(*table)};
   if (!(loaded.material->table.f.isFinite()).any()) return left_out("it holds no valid value");
-  const std::size_t bad = findings.negative + findings.not_a_number;
-  if (findings.not_a_number > 0)
-    loaded.remark = fmt::format("{}: {} of {} values are not numbers and {} negative: ignored",
-                                name, findings.not_a_number, table->f.size(), findings.negative);
-  else if (bad > 0)
+  if (findings.not_a_number + findings.too_large > 0)
+    loaded.remark = fmt::format(
+        "{}: of {} values {} are not numbers, {} above {:g} 1/sr and {} negative: ignored", name,
+        table->f.size(), findings.not_a_number, findings.too_large, most_reflectance,
+        findings.negative);
+  else if (findings.negative > 0)
     loaded.remark = fmt::format(
         "{}: {} of {} values are negative: ignored (MERL marks cells without "
         "a measurement so)",
@@ -143,6 +144,20 @@ Result<LoadedMaterials> load_materials(const MaterialsConfig& config) {
                             "asked; statistics need at least 2",
                             loaded->materials.size()));
   return loaded;
+}
+
+Result<std::size_t> count_material_files(const MaterialsConfig& config) {
+  if (config.source == "builtin") return builtin_materials().size();
+  const auto files = binaries_in(config.source);
+  if (!files) return tl::unexpected(files.error());
+  if (files->size() < 2)
+    return fail(
+        ErrorCode::invalid_input,
+        fmt::format("'{}' holds {} .binary file{}; statistics need at least 2 materials: put "
+                    "MERL .binary files there, or name another folder or \"builtin\" as the "
+                    "source",
+                    config.source, files->size(), files->size() == 1 ? "" : "s"));
+  return files->size();
 }
 
 }  // namespace lightrig

@@ -19,4 +19,8 @@ struct LoadedMaterials {
 /// out. Errors: not_found, invalid_input (fewer than 2 usable, grids differ).
 Result<LoadedMaterials> load_materials(const MaterialsConfig& config);
 
+/// How many materials the source names, without reading them. Errors: as load_materials(), where
+/// the folder cannot be listed or holds fewer than 2 files.
+Result<std::size_t> count_material_files(const MaterialsConfig& config);
+
 }  // namespace lightrig

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "config/json_text.h"
 #include "config/read_value.h"
 
 namespace lightrig {
@@ -218,7 +219,7 @@ std::string key_reference(const TableSpec& root) { return tables_text(root, "");
 std::string json_schema(const TableSpec& root, const std::string& title) {
   Json schema{{"$schema", "http://json-schema.org/draft-07/schema#"}, {"title", title}};
   schema.update(table_schema(root));
-  return schema.dump(2) + "\n";
+  return json_text(schema, 2) + "\n";
 }
 
 }  // namespace lightrig

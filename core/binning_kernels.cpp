@@ -109,7 +109,7 @@ namespace {
 }
 #endif
 
-/// Square of the octahedral map that a unit vector falls into [Meyer et al. 2010], side × side
+/// Square of the octahedral map that a unit vector falls into [Meyer 2010], side × side
 /// squares.
 int octahedral_square(double x, double y, double z, int side) {
   const double sum = std::abs(x) + std::abs(y) + std::abs(z);

@@ -66,6 +66,7 @@ struct BinningScratch {
   std::vector<std::int32_t> bundle;             ///< the first `bundles`: those to walk
   std::size_t bundles = 0;
   std::vector<double> chords;                 ///< of the points looked at together
+  std::vector<std::int32_t> hit;              ///< those of them within the rows looked for
   std::vector<std::uint8_t> open_rows;        ///< (rows + 8): 1 = has statistics and is looked for
   std::vector<std::uint8_t> shown;            ///< (rows + 8): 1 = a point was found
   std::vector<RowInterval> intervals;         ///< of 4 sin²(θh/2), that hold the open rows

@@ -84,6 +84,9 @@ Result<MerlTable> decode_merl(std::span<const std::byte> bytes, MerlFindings& fi
       } else if (f < 0) {
         ++findings.negative;
         f = nan;
+      } else if (f * merl_scale[channel] > most_reflectance) {
+        ++findings.too_large;
+        f = nan;
       } else {
         f *= merl_scale[channel];
       }

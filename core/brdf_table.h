@@ -28,10 +28,15 @@ struct MerlTable {
                           ///< invalid (file: < 0).
 };
 
+/// [1/sr] No material comes near: a mirror that is rough by 0.05° peaks at 1e5. What is above is
+/// damage.
+inline constexpr double most_reflectance = 1e6;
+
 /// What was found in a MERL file besides valid numbers.
 struct MerlFindings {
   std::size_t negative = 0;      ///< values below zero: marked invalid
   std::size_t not_a_number = 0;  ///< NaN or infinite: marked invalid
+  std::size_t too_large = 0;     ///< above most_reflectance: marked invalid
 };
 
 /// Bytes of a MERL `.binary` file of any grid its header gives (three little-endian int32, then 3·n

@@ -10,10 +10,17 @@
 
 namespace lightrig {
 
+AxisUnit unit_of(const Axis& axis) {
+  if (axis.selector) return {"", 1};
+  if (axis.rotary) return {"deg", 180 / std::numbers::pi};
+  return {"mm", 1e3};
+}
+
 std::string value_text(const Axis& axis, double value, int decimals) {
   if (axis.selector) return fmt::format("lamp {}", std::lround(value) + 1);
-  if (axis.rotary) return fmt::format("{:.{}f}°", value * 180 / std::numbers::pi, decimals);
-  return fmt::format("{:.{}f} mm", value * 1000, std::max(1, decimals - 1));
+  const double shown = value * unit_of(axis).per_si;
+  if (axis.rotary) return fmt::format("{:.{}f}°", shown, decimals);
+  return fmt::format("{:.{}f} mm", shown, std::max(1, decimals - 1));
 }
 
 double tolerance_of(const GantryModel& gantry, std::size_t axis) {

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -77,6 +78,14 @@ struct GantryModel {
   double linear_tolerance = 0;  ///< [m]: and every linear one within this
   EmissionLobe lobe = {};       ///< of the lamp
 };
+
+/// How an axis is spoken of outside: "deg", "mm", or "" for a choice among lamps; `per_si` of them
+/// are one radian, one metre, one lamp.
+struct AxisUnit {
+  std::string_view name;
+  double per_si = 1;
+};
+AxisUnit unit_of(const Axis& axis);
 
 /// "12.5000°", "87.500 mm", "lamp 3": a value of this axis for people, with so many decimals (of a
 /// millimetre one fewer).

@@ -7,7 +7,7 @@
 namespace lightrig {
 
 /// Slopes of the facets of a rough surface: a bivariate Student t of root-mean-square scale
-/// `roughness` [Ribardière 2017]. tail γ = ∞ is Beckmann's Gaussian [Beckmann & Spizzichino 1963;
+/// `roughness` [Ribardiere 2017]. tail γ = ∞ is Beckmann's Gaussian [Beckmann & Spizzichino 1963;
 /// Cook & Torrance 1982], γ = 2 is GGX [Trowbridge & Reitz 1975; Walter 2007]; the smaller γ > 1.5,
 /// the longer the tail of the highlight.
 struct SlopeDistribution {

@@ -7,12 +7,11 @@
 #include <cmath>
 #include <cstddef>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <memory>
 #include <numbers>
 #include <utility>
 
+#include "config/read_bytes.h"
 #include "core/builtin_materials.h"
 #include "sim/open_devices.h"
 
@@ -66,16 +65,15 @@ Eigen::Array3d interpolate(const MerlTable& table, const HalfDiff& angles) {
 }
 
 Result<Reflectance> read_merl(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) {
-    return fail(ErrorCode::not_found,
+  const auto bytes = read_bytes(path);
+  if (!bytes) {
+    return fail(bytes.error().code,
                 fmt::format("simulated material \"{}\" is neither built in nor a file that can be "
-                            "read: `lightrig materials list` names the built-in ones",
-                            path.string()));
+                            "read ({}): `lightrig materials list` names the built-in ones",
+                            path.string(), bytes.error().message));
   }
-  const std::vector<char> text{std::istreambuf_iterator<char>(file), {}};
   MerlFindings findings;
-  auto table = decode_merl(std::as_bytes(std::span(text)), findings);
+  auto table = decode_merl(*bytes, findings);
   if (!table) {
     return tl::unexpected(
         with_context(fmt::format("read simulated material {}", path.string()), table.error()));

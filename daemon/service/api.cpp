@@ -96,6 +96,11 @@ HttpAnswer Api::dispatch(const HttpRequest& request) {
       continue;
     }
     if (auto refusal = refuse(request, route)) return *refusal;
+    // An ABORT is one whatever its body holds.
+    const bool aborts = route.handle == &Api::abort || route.handle == &Api::abort_session;
+    if (is_mutation(route) && !aborts)
+      if (auto checked = check_body(request.body, route.body); !checked)
+        return error_reply(checked.error());
     return (this->*route.handle)(request, *id);
   }
   if (allowed.empty())

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/service/api_body.h"
 #include "daemon/service/http.h"
 #include "daemon/service/service.h"
 
@@ -15,14 +16,6 @@ namespace lightrig {
 struct ApiGuard {
   std::string token;               ///< demanded over TCP; "" only where there is no TCP
   std::vector<std::string> hosts;  ///< Host values that are answered, lower case
-};
-
-/// A member of a JSON body, for the OpenAPI document and for checking.
-struct BodyField {
-  const char* name;
-  const char* type;  ///< "string", "number", "boolean", "object"
-  bool required;
-  const char* description;
 };
 
 class Api;

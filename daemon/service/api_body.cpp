@@ -9,6 +9,7 @@
 #include <numbers>
 #include <string_view>
 
+#include "config/json_text.h"
 #include "daemon/session/json_parse.h"
 
 namespace lightrig {
@@ -24,17 +25,17 @@ std::optional<Json> object_of(const std::string& body) {
   return std::move(*json);
 }
 
-Result<Json> known_object(const std::string& body, std::initializer_list<std::string_view> known) {
+Result<Json> read_object(const std::string& body) {
   Result<Json> json = Json::object();
   if (!body.empty()) json = parse_json(body);
   if (!json) return tl::unexpected(with_context("read the body", json.error()));
   if (!json->is_object()) return fail(ErrorCode::invalid_input, "the body must be a JSON object");
-  for (const auto& [name, unused] : json->items())
-    if (std::find(known.begin(), known.end(), name) == known.end())
-      return fail(ErrorCode::invalid_input,
-                  fmt::format("unknown member \"{}\"; there are {}", name,
-                              fmt::join(known.begin(), known.end(), ", ")));
   return json;
+}
+
+bool is_of_type(const Json& value, std::string_view type) {
+  return (type == "string" && value.is_string()) || (type == "number" && value.is_number()) ||
+         (type == "boolean" && value.is_boolean()) || (type == "object" && value.is_object());
 }
 
 Result<std::string> string_of(const Json& json, const char* name) {
@@ -46,6 +47,29 @@ Result<std::string> string_of(const Json& json, const char* name) {
 }
 
 }  // namespace
+
+Result<void> check_body(const std::string& body, std::span<const BodyField> fields) {
+  const auto json = read_object(body);
+  if (!json) return tl::unexpected(json.error());
+  for (const auto& [name, value] : json->items()) {
+    const auto field =
+        std::ranges::find_if(fields, [&](const BodyField& f) { return name == f.name; });
+    if (field == fields.end()) {
+      std::string known;
+      for (const BodyField& f : fields) known += (known.empty() ? "" : ", ") + std::string(f.name);
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("unknown member \"{}\"; {}", name,
+                              known.empty() ? "this request takes none" : "there are " + known));
+    }
+    if (!is_of_type(value, field->type))
+      return fail(ErrorCode::invalid_input, fmt::format("\"{}\" must be a {}", name, field->type));
+  }
+  for (const BodyField& field : fields)
+    if (field.required && !json->contains(field.name))
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("\"{}\" is missing: {}", field.name, field.description));
+  return {};
+}
 
 std::optional<std::string> text_member(const std::string& body, const std::string& name) {
   const auto json = object_of(body);
@@ -65,13 +89,16 @@ bool flag_member(const std::string& body, const std::string& name) {
 Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes) {
   struct Unit {
     const char* name;
-    bool rotary, relative;
+    std::string_view unit;
+    bool relative;
   };
-  constexpr std::array<Unit, 4> units{{{"by_deg", true, true},
-                                       {"to_deg", true, false},
-                                       {"by_mm", false, true},
-                                       {"to_mm", false, false}}};
-  auto json = known_object(body, {"axis", "by_deg", "to_deg", "by_mm", "to_mm"});
+  constexpr std::array<Unit, 6> units{{{"by_deg", "deg", true},
+                                       {"to_deg", "deg", false},
+                                       {"by_mm", "mm", true},
+                                       {"to_mm", "mm", false},
+                                       {"by", "", true},
+                                       {"to", "", false}}};
+  auto json = read_object(body);
   if (!json) return tl::unexpected(with_context("jog", json.error()));
   auto axis_name = string_of(*json, "axis");
   if (!axis_name) return tl::unexpected(with_context("jog", axis_name.error()));
@@ -87,17 +114,17 @@ Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes)
   int count = 0;
   for (const Unit& unit : units)
     if (json->contains(unit.name)) given = &unit, ++count;
-  if (count != 1 || given->rotary != axis->rotary || !(*json)[given->name].is_number())
-    return fail(ErrorCode::invalid_input,
-                fmt::format("jog: axis {} takes exactly one number, {}", axis->name,
-                            axis->rotary ? "by_deg or to_deg" : "by_mm or to_mm"));
-  // Of fixed lamps the number counts; it comes as if it were millimetres.
-  const double scale = axis->selector ? 1 : axis->rotary ? std::numbers::pi / 180 : 1e-3;
-  return JogBody{axis->name, (*json)[given->name].get<double>() * scale, given->relative};
+  const AxisUnit unit = unit_of(*axis);
+  if (count != 1 || given->unit != unit.name || !(*json)[given->name].is_number())
+    return fail(
+        ErrorCode::invalid_input,
+        fmt::format("jog: axis {} takes exactly one number, {}", axis->name,
+                    unit.name.empty() ? "by or to" : fmt::format("by_{0} or to_{0}", unit.name)));
+  return JogBody{axis->name, (*json)[given->name].get<double>() / unit.per_si, given->relative};
 }
 
 Result<double> lamp_body(const std::string& body) {
-  auto json = known_object(body, {"power"});
+  auto json = read_object(body);
   if (!json) return tl::unexpected(with_context("lamp", json.error()));
   const auto power = json->find("power");
   if (power == json->end() || !power->is_number() || !(power->get<double>() >= 0) ||
@@ -107,7 +134,7 @@ Result<double> lamp_body(const std::string& body) {
 }
 
 Result<SnapBody> snap_body(const std::string& body, double least, double most) {
-  auto json = known_object(body, {"exposure_s", "lamp"});
+  auto json = read_object(body);
   if (!json) return tl::unexpected(with_context("snap", json.error()));
   const auto exposure = json->find("exposure_s");
   if (exposure == json->end() || !exposure->is_number() || !(exposure->get<double>() >= least) ||
@@ -118,7 +145,7 @@ Result<SnapBody> snap_body(const std::string& body, double least, double most) {
 }
 
 Result<StartBody> start_body(const std::string& body) {
-  auto json = known_object(body, {"session_path", "session_toml", "plan", "key"});
+  auto json = read_object(body);
   if (!json) return tl::unexpected(with_context("start", json.error()));
   StartBody start;
   for (const auto& [name, target] :
@@ -133,7 +160,7 @@ Result<StartBody> start_body(const std::string& body) {
   if (json->contains("plan")) {
     if (!(*json)["plan"].is_object())
       return fail(ErrorCode::invalid_input, "start: \"plan\" must be the object of a plan.json");
-    start.plan = (*json)["plan"].dump(-1, ' ', false, Json::error_handler_t::replace);
+    start.plan = json_text((*json)["plan"]);
   }
   return start;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -8,6 +9,18 @@
 #include "core/result.h"
 
 namespace lightrig {
+
+/// A member of a JSON body, for the OpenAPI document and for checking.
+struct BodyField {
+  const char* name;
+  const char* type;  ///< "string", "number", "boolean", "object"
+  bool required;
+  const char* description;
+};
+
+/// Errors: invalid_input: no JSON object, a member that is not among the fields or not of its type,
+/// a required one missing. What reads a body below may take this as given.
+Result<void> check_body(const std::string& body, std::span<const BodyField> fields);
 
 /// A string member of a JSON object; empty when the text is none, or has none.
 std::optional<std::string> text_member(const std::string& body, const std::string& name);
@@ -19,7 +32,7 @@ struct JogBody {
   double value = 0;  ///< [rad] or [m]
   bool relative = false;
 };
-/// Errors: invalid_input: no JSON, an unknown member or axis, a unit that is not the axis'.
+/// Errors: invalid_input: an unknown axis, a unit that is not the axis'.
 Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes);
 
 /// The lamp's power [0, 1]. Errors: invalid_input.

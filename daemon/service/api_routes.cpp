@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "config/json_text.h"
 #include "daemon/service/api.h"
 #include "daemon/service/api_body.h"
 #include "daemon/service/status_json.h"
@@ -16,10 +17,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 HttpReply json_reply(int status, const Json& json) {
-  return {status,
-          json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n",
-          "application/json",
-          {}};
+  return {status, json_text(json) + "\n", "application/json", {}};
 }
 
 // 202: taken on; what became of it stands in /v1/status under this number.
@@ -56,7 +54,9 @@ std::vector<Route> Api::rig_routes() {
         {"by_deg", "number", false, "rotary axis: move by so many degrees"},
         {"to_deg", "number", false, "rotary axis: move to this angle"},
         {"by_mm", "number", false, "linear axis: move by so many millimetres"},
-        {"to_mm", "number", false, "linear axis: move to this position"}},
+        {"to_mm", "number", false, "linear axis: move to this position"},
+        {"by", "number", false, "choice among fixed lamps: so many lamps on"},
+        {"to", "number", false, "choice among fixed lamps: this one, the first is 0"}},
        &Api::jog},
       {"POST",
        "/v1/lamp",
@@ -235,12 +235,12 @@ HttpAnswer Api::rig(const HttpRequest&, const std::string&) {
   const Rig& rig = service_.rig();
   Json axes = Json::array();
   for (const Axis& axis : rig.gantry.model.axes) {
-    const double unit = axis.rotary ? 180 / std::numbers::pi : 1e3;
+    const AxisUnit unit = unit_of(axis);
     axes.push_back({{"name", axis.name},
-                    {"unit", axis.rotary ? "deg" : "mm"},
-                    {"min", axis.min * unit},
-                    {"max", axis.max * unit},
-                    {"home", axis.home * unit}});
+                    {"unit", unit.name},
+                    {"min", axis.min * unit.per_si},
+                    {"max", axis.max * unit.per_si},
+                    {"home", axis.home * unit.per_si}});
   }
   Json interlocks = Json::array();
   for (const Interlock& interlock : rig.interlocks) interlocks.push_back(interlock.name);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "config/json_text.h"
 #include "config/read_rig.h"
 #include "daemon/service/api.h"
 #include "daemon/service/api_body.h"
@@ -20,10 +21,7 @@ constexpr std::size_t most_listed = 500;
 constexpr std::size_t most_examined = 50;  // reading a folder back takes milliseconds
 
 HttpReply json_reply(int status, const Json& json) {
-  return {status,
-          json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n",
-          "application/json",
-          {}};
+  return {status, json_text(json) + "\n", "application/json", {}};
 }
 
 // Folders below the root that are sessions, newest first: ids begin with the UTC time.
@@ -40,11 +38,13 @@ std::vector<std::string> session_names(const fs::path& root) {
 }
 
 // How far a session without a result came; "interrupted" when its service ended without a word.
-Json progress_of(const fs::path& folder, bool in_hand) {
+Json progress_of(const fs::path& folder, bool in_hand, State now) {
   const auto record = read_session_folder(folder);
   if (!record) return {{"state", "damaged"}};
-  const bool cut_short = record->state == "capturing" && !in_hand;
-  return {{"state", cut_short ? "interrupted" : record->state},
+  std::string state = record->state;
+  if (state == "capturing" && !in_hand) state = "interrupted";
+  if (state == "done" && in_hand && now == State::reducing) state = name_of(now);
+  return {{"state", state},
           {"shots_done", record->shots.size()},
           {"shots_planned", record->plan.shots.size()}};
 }
@@ -132,8 +132,9 @@ HttpAnswer Api::list_sessions(const HttpRequest&, const std::string&) {
       const bool result = fs::exists(root / name / "result" / "result.json", error);
       Json one{{"id", name}, {"result", result}};
       if (!result && examined++ < most_examined)
-        one.update(
-            progress_of(root / name, moment.busy && moment.session && moment.session->id == name));
+        one.update(progress_of(root / name,
+                               moment.busy && moment.session && moment.session->id == name,
+                               moment.state));
       sessions.push_back(std::move(one));
     }
     return json_reply(200, {{"root", root.string()}, {"sessions", std::move(sessions)}});

@@ -1,5 +1,6 @@
 #include <nlohmann/json.hpp>
 
+#include "config/json_text.h"
 #include "daemon/service/http.h"
 
 namespace lightrig {
@@ -37,10 +38,7 @@ const std::string& HttpRequest::header(const std::string& lower_case_name) const
 HttpReply error_reply(int status, std::string_view code, const std::string& message) {
   const nlohmann::ordered_json body{{"error", {{"code", code}, {"message", message}}}};
   // A message may quote bytes of a client's file: what is not UTF-8 is replaced, never thrown at.
-  return {status,
-          body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n",
-          "application/json",
-          {}};
+  return {status, json_text(body) + "\n", "application/json", {}};
 }
 
 HttpReply error_reply(const Error& error) {

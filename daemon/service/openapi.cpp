@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
+#include "config/json_text.h"
 #include "daemon/service/api.h"
 
 namespace lightrig {
@@ -107,7 +108,7 @@ std::string openapi_document() {
       {"components",
        {{"schemas", {{"Error", error_schema}}},
         {"securitySchemes", {{"token", {{"type", "http"}, {"scheme", "bearer"}}}}}}}};
-  return document.dump(2) + "\n";
+  return json_text(document, 2) + "\n";
 }
 
 }  // namespace lightrig

@@ -149,9 +149,14 @@ bool RigAccess::close() {
   return dark;
 }
 
-Result<RigFacts> RigAccess::facts(const std::stop_token& stop) {
+Result<void> RigAccess::all_open() const {
   if (!devices_ || !devices_->gantry || !devices_->lamp || !devices_->camera)
     return fail(ErrorCode::disconnected, "a device was lost and could not be opened again");
+  return {};
+}
+
+Result<RigFacts> RigAccess::facts(const std::stop_token& stop) {
+  if (auto open = all_open(); !open) return tl::unexpected(open.error());
   RigFacts facts;
   auto gantry = devices_->gantry->status(within(answer_time, stop));
   if (!gantry) return tl::unexpected(with_context("ask the gantry how it is", gantry.error()));
@@ -164,6 +169,8 @@ Result<RigFacts> RigAccess::facts(const std::stop_token& stop) {
 }
 
 Result<void> RigAccess::home(const std::stop_token& stop) {
+  if (auto open = all_open(); !open)
+    return tl::unexpected(with_context("home the gantry", open.error()));
   auto status = devices_->gantry->status(within(answer_time, stop));
   if (!status) return tl::unexpected(with_context("home the gantry", status.error()));
   if (const std::string why = obstacle(*status); !why.empty())
@@ -174,6 +181,7 @@ Result<void> RigAccess::home(const std::stop_token& stop) {
 }
 
 Result<void> RigAccess::clear_fault(const std::stop_token& stop) {
+  if (auto open = all_open(); !open) return open;
   return devices_->gantry->clear_fault(within(answer_time, stop));
 }
 
@@ -181,12 +189,18 @@ Result<LampState> RigAccess::set_lamp(double power, const std::stop_token& stop)
   if (!(power >= 0 && power <= rig_.lamp.max_power))
     return fail(ErrorCode::refused, fmt::format("set the lamp: the rig file allows 0 … {}, not {}",
                                                 rig_.lamp.max_power, power));
-  auto status = devices_->gantry->status(within(answer_time, stop));
-  if (!status) return tl::unexpected(with_context("set the lamp", status.error()));
-  if (const std::string why = obstacle(*status); power > 0 && !why.empty())
-    return fail(ErrorCode::refused, "set the lamp: " + why);
-  // From here on, whatever becomes of the call.
-  if (power > 0) lamp_until_ = clock_->now() + rig_.lamp.max_on_time;
+  if (!devices_ || !devices_->lamp)
+    return fail(ErrorCode::disconnected, "set the lamp: it was lost and could not be opened again");
+  // What forbids light forbids no darkness; nor does a gantry that is silent.
+  if (power > 0) {
+    if (auto open = all_open(); !open)
+      return tl::unexpected(with_context("set the lamp", open.error()));
+    auto status = devices_->gantry->status(within(answer_time, stop));
+    if (!status) return tl::unexpected(with_context("set the lamp", status.error()));
+    if (const std::string why = obstacle(*status); !why.empty())
+      return fail(ErrorCode::refused, "set the lamp: " + why);
+    lamp_until_ = clock_->now() + rig_.lamp.max_on_time;  // whatever becomes of the call
+  }
   if (auto set = devices_->lamp->set(power, within(answer_time, stop)); !set)
     return tl::unexpected(with_context("set the lamp", set.error()));
   if (power == 0) lamp_until_.reset();
@@ -196,7 +210,7 @@ Result<LampState> RigAccess::set_lamp(double power, const std::stop_token& stop)
 }
 
 Result<void> RigAccess::heed_lease() {
-  if (!devices_ || !lamp_until_ || clock_->now() < *lamp_until_) return {};
+  if (!devices_ || !devices_->lamp || !lamp_until_ || clock_->now() < *lamp_until_) return {};
   if (auto dark = devices_->lamp->set(0, within(answer_time, {})); !dark)
     return tl::unexpected(with_context("end the lamp's lease", dark.error()));
   lamp_until_.reset();
@@ -204,6 +218,8 @@ Result<void> RigAccess::heed_lease() {
 }
 
 Result<Frame> RigAccess::expose(double seconds, const std::stop_token& stop) {
+  if (auto open = all_open(); !open)
+    return tl::unexpected(with_context("take a frame", open.error()));
   const auto time = std::chrono::duration_cast<std::chrono::nanoseconds>(
       std::chrono::duration<double>(seconds + rig_.camera.readout_time));
   auto frame = devices_->camera->expose(seconds, within(time + answer_time, stop));
@@ -227,6 +243,8 @@ Result<void> RigAccess::move_to(const GantryPosition& target, const std::stop_to
     return fail(ErrorCode::refused,
                 "move the gantry: the target is outside the travel that the "
                 "rig file allows; nothing was moved");
+  if (auto open = all_open(); !open)
+    return tl::unexpected(with_context("move the gantry", open.error()));
   auto status = devices_->gantry->status(within(answer_time, stop));
   if (!status) return tl::unexpected(with_context("move the gantry", status.error()));
   if (auto way = forbidden(*status, target); !way)

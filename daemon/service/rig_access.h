@@ -76,6 +76,7 @@ class RigAccess {
   bool simulated() const { return simulate_; }
 
  private:
+  Result<void> all_open() const;  ///< error disconnected where a device is missing
   Result<void> forbidden(const GantryStatus& now, const GantryPosition& target) const;
   Result<Devices> open_now(Reopen what);
   Until within(std::chrono::nanoseconds time, const std::stop_token& stop) const;

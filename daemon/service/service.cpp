@@ -1,4 +1,5 @@
 #include "daemon/service/service.h"
+#include "daemon/session/session_upkeep.h"
 
 #include <fmt/format.h>
 
@@ -78,7 +79,7 @@ Result<std::uint64_t> Service::submit(const std::string& name, const Caller& cal
       return fail(ErrorCode::refused,
                   fmt::format("cannot {} while {}; {}", name, name_of(state_), remedy(state_)));
     if (stopping_) return fail(ErrorCode::refused, "the service is stopping");
-    if (running_ || slot_)
+    if (active_ != nullptr || slot_)
       return fail(ErrorCode::refused,
                   fmt::format("cannot {} yet: {} has not ended; try again in a moment", name,
                               commands_.empty() ? "the last command" : commands_.back().name));
@@ -105,6 +106,13 @@ Result<std::uint64_t> Service::done_already(const std::string& name, const std::
   return last_id_;
 }
 
+void Service::drop_waiting(const std::string& why) {
+  if (!slot_) return;
+  for (CommandRecord& one : commands_)
+    if (one.id == slot_->id) (one.state = "failed", one.message = why);
+  slot_.reset();
+}
+
 void Service::set_state(State state, const std::string& reason) {
   if (state != state_) state_since_ = SteadyClock::now();
   state_ = state;
@@ -123,8 +131,12 @@ bool Service::apply(Event event, const std::string& reason) {
     if (!to) return false;
     before = state_;
     after = *to;
-    if (event == Event::fault) ++faults_;
+    if (event == Event::fault) {
+      ++faults_;
+      drop_waiting("not begun: " + reason);
+    }
     set_state(after, reason);
+    session_in_hand_ = session_in_hand_ && (active_ != nullptr || slot_.has_value());
   }
   if (event == Event::fault)
     log_.error("fault", {{"while", std::string(name_of(before))}, {"reason", reason}});
@@ -226,7 +238,7 @@ Result<std::string> Service::start(const Caller& caller, StartRequest request) {
   const std::string id = free_id(settings_.rig.session_root, request.spec);
   {
     const std::lock_guard lock(mutex_);
-    if (!request.key.empty() && request.key == start_key_ && session_) return session_->id;
+    if (!request.key.empty() && request.key == last_start_.key) return last_start_.id;
   }
   const std::string key = request.key;
   SessionView view;
@@ -241,7 +253,7 @@ Result<std::string> Service::start(const Caller& caller, StartRequest request) {
   if (!accepted) return tl::unexpected(accepted.error());
   log_.info("session", {{"id", id}, {"by", caller.name}});
   const std::lock_guard lock(mutex_);
-  start_key_ = key;
+  last_start_ = {key, id};
   return id;
 }
 
@@ -282,6 +294,10 @@ Result<void> Service::steer(const Caller& caller, const std::string& id, Session
     return fail(ErrorCode::refused,
                 fmt::format("cannot {} session {}: it is not under way", name_of(verb), id));
   const std::filesystem::path folder = settings_.rig.session_root / id;
+  if (is_finished({folder}))
+    return fail(ErrorCode::refused,
+                "resume: the session is done; its result stands in its folder "
+                "(lightrig reduce computes it again)");
   // A session that capture() has given back to wait for its condition is resumed from `paused`.
   const Event event = snapshot().state == State::paused ? Event::resume : Event::start;
   SessionView view;
@@ -303,11 +319,7 @@ void Service::abort(const Caller& caller, const std::string& reason) {
     if (active_ != nullptr) active_->abort(reason);
     before = state_;
     ++aborts_;
-    if (slot_) {
-      for (CommandRecord& one : commands_)
-        if (one.id == slot_->id) (one.state = "failed", one.message = "aborted before it began");
-      slot_.reset();
-    }
+    drop_waiting("aborted before it began");
     set_state(*next(state_, Event::abort), reason);
     session_in_hand_ = session_in_hand_ && active_ != nullptr;
   }

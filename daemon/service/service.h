@@ -172,7 +172,8 @@ class Service {
 
   // session_thread.cpp: the session thread's own
   void run();
-  void execute(Command command);
+  void execute(Command command, SessionControl& control);
+  void drop_waiting(const std::string& why);  ///< under mutex_: the command that was not begun
   void settle_devices();
   void idle_check();
   Result<std::string> do_arm(SessionControl& control);
@@ -212,7 +213,6 @@ class Service {
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   State state_ = State::unarmed;
-  bool running_ = false;          ///< a command is being run
   bool session_in_hand_ = false;  ///< session_ is what the command being run is about
   bool lamp_may_be_on_ = false;
   bool stopping_ = false;
@@ -225,7 +225,9 @@ class Service {
   std::optional<RigLock> lock_;
   std::optional<RigFacts> facts_;
   std::optional<SessionView> session_;
-  std::string start_key_;
+  struct {
+    std::string key, id;
+  } last_start_;  ///< the idempotency key of the last accepted start, and the session it began
   std::string disk_trouble_;
   std::uintmax_t disk_free_bytes_ = 0;
   std::uint64_t frames_ = 0, sessions_done_ = 0, aborts_ = 0, faults_ = 0;

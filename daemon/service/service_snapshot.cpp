@@ -82,7 +82,7 @@ Snapshot Service::snapshot() const {
   moment.state = state_;
   moment.state_s = seconds(state_since_);
   moment.uptime_s = seconds(started_);
-  moment.busy = running_ || slot_.has_value();
+  moment.busy = active_ != nullptr || slot_.has_value();
   moment.lamp_may_be_on = lamp_may_be_on_;
   moment.why_not_ready = obstacles();
   moment.lock = lock_;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "config/json_text.h"
 #include "core/brdf_table.h"
 #include "daemon/service/service.h"
 #include "daemon/service/status_json.h"
@@ -57,9 +58,10 @@ Result<void> Service::add_truth(SessionSpec& spec) {
   return {};
 }
 
-// A session that cannot be begun leaves the rig as it was: armed, nothing moved.
+// A session that cannot be begun leaves the rig as it was: armed, nothing moved. One that waits and
+// cannot go on waits on.
 Result<std::string> Service::refuse_session(const Error& error) {
-  apply(Event::clear);
+  if (!apply(Event::clear)) apply(Event::pause, error.message);
   const std::lock_guard lock(mutex_);
   session_->state = "refused";
   session_->reason = error.message;
@@ -115,11 +117,6 @@ Result<std::string> Service::do_resume(SessionControl& control, const std::files
 
 // A session whose capture has ended: what a kill took from its result or its seal is made up for.
 Result<std::string> Service::finish_resumed(const SessionRecord& record) {
-  std::error_code error;
-  if (record.sealed && std::filesystem::exists(record.folder.manifest(), error))
-    return refuse_session({ErrorCode::refused,
-                           "resume: the session is done; its result stands in "
-                           "its folder (lightrig reduce computes it again)"});
   {
     const std::lock_guard lock(mutex_);
     session_->folder = record.folder.root;
@@ -141,6 +138,12 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
     session_->progress.shots_total = static_cast<int>(prepared.plan.shots.size());
   }
   hub_.begin_session(folder.root.filename().string());
+  // A session given back to wait was set to go on when it was resumed.
+  const bool may_begin = snapshot().state == State::capturing
+                             ? !control.stop_token().stop_requested()
+                             : apply_unless_stopped(Event::planned, control);
+  if (!may_begin)
+    return fail(ErrorCode::stopped, "stopped before the capture began; nothing had moved");
   // A simulated camera looks at the session's own object; real devices are open since arming.
   if (access_.simulated() || !access_.is_open()) {
     auto opened = access_.open(spec.object, control.stop_token());
@@ -150,8 +153,6 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
     }
     remember(*opened);
   }
-  apply_unless_stopped(snapshot().state == State::planning ? Event::planned : Event::resume,
-                       control);
   liveness_.promise(longest_step());
   const SessionListeners listeners{
       [this](const JournalEvent& event) { on_event(event); },
@@ -199,10 +200,9 @@ Result<std::string> Service::reduce(const SessionFolder& folder) {
     apply(Event::clear, summary.error().message);
     const std::lock_guard lock(mutex_);
     session_->state = "captured";
-    session_->reason = fmt::format(
-        "no result: {}; the frames are stored, lightrig reduce computes "
-        "it again",
-        summary.error().message);
+    session_->reason =
+        fmt::format("no result: {}; the frames are stored, lightrig resume {} reduces and seals it",
+                    summary.error().message, session_->id);
     return tl::unexpected(with_context("reduce the session", summary.error()));
   }
   if (auto sealed = seal_session(folder); !sealed)
@@ -257,7 +257,7 @@ void Service::on_event(const JournalEvent& event) {
                           {"outcome", word("outcome")},
                           {"reason", word("reason")}});
   log_.debug("journal", {{"seq", std::to_string(event.sequence)},
-                         {"facts", event.fields.is_null() ? "" : event.fields.dump()}});
+                         {"facts", event.fields.is_null() ? "" : json_text(event.fields)}});
 }
 
 void Service::on_progress(const SessionProgress& progress) {

@@ -27,12 +27,18 @@ void Service::run() {
     liveness_.promise(idle_promise);
     changed_.wait_for(lock, idle_look, [this] { return stopping_ || slot_ || !is_armed(state_); });
     if (stopping_) break;
-    std::optional<Command> command = std::exchange(slot_, {});
-    lock.unlock();
-    if (command)
-      execute(std::move(*command));
-    else
+    if (slot_) {
+      // From the slot to the hand under one lock: an ABORT finds the command in either.
+      Command command = std::move(*slot_);
+      slot_.reset();
+      SessionControl control;
+      active_ = &control;
+      lock.unlock();
+      execute(std::move(command), control);
+    } else {
+      lock.unlock();
       idle_check();
+    }
     settle_devices();
     lock.lock();
     // Unarmed and nothing to do: sleep until somebody asks for something.
@@ -43,19 +49,14 @@ void Service::run() {
   lamp_unsure(!access_.close());
 }
 
-void Service::execute(Command command) {
-  SessionControl control;
-  {
-    const std::lock_guard lock(mutex_);
-    if (stopping_) return;
-    active_ = &control;
-    running_ = true;
-  }
-  const Result<std::string> end = command.work(control);
+void Service::execute(Command command, SessionControl& control) {
+  const Result<std::string> end =
+      control.stop_token().stop_requested()
+          ? fail(ErrorCode::stopped, command.name + ": aborted before it began")
+          : command.work(control);
   {
     const std::lock_guard lock(mutex_);
     active_ = nullptr;
-    running_ = false;
     session_in_hand_ = false;
   }
   record_end(command.id, end);

@@ -5,14 +5,14 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "config/json_text.h"
+
 namespace lightrig {
 namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::string one_line(const Json& json) {
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
-}
+std::string one_line(const Json& json) { return json_text(json); }
 
 Json optional_number(const std::optional<double>& value) {
   return value && std::isfinite(*value) ? Json(*value) : Json(nullptr);

@@ -176,11 +176,18 @@ Result<std::optional<Ending>> CaptureRun::compare_reference() {
   const auto likeness =
       persevere("reference frame", [&] { return reference_likeness(shot, *stored); });
   if (!likeness) return tl::unexpected(likeness.error());
-  const bool like =
-      std::abs(likeness->ratio - 1) <= reference_ratio && likeness->strayed <= reference_strayed;
+  const bool like = likeness->sites > 0 && std::abs(likeness->ratio - 1) <= reference_ratio &&
+                    likeness->strayed <= reference_strayed;
   if (auto noted = note_reference(shot.name, like, *likeness); !noted)
     return tl::unexpected(noted.error());
   if (like) return std::optional<Ending>();
+  if (likeness->sites == 0)
+    return std::optional<Ending>(
+        {SessionOutcome::paused,
+         fmt::format(
+             "the scene cannot be compared with {0}: no site is bright enough, now or then; "
+             "look at lamp and sample, then retake {0} and resume",
+             shot.name)});
   return std::optional<Ending>(
       {SessionOutcome::paused,
        fmt::format(

@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <system_error>
 
+#include "config/json_text.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/input_files.h"
 #include "daemon/session/plan_json.h"
@@ -40,7 +41,7 @@ std::string session_json(const SessionSpec& spec, const std::string& id,
   json["inputs"] = to_json(inputs);
   json["software"] = {{"version", LIGHTRIG_VERSION}, {"compiler", __VERSION__}};
   json["machine"] = {{"cpu", cpu_model()}};
-  return json.dump(1) + "\n";
+  return json_text(json, 1) + "\n";
 }
 
 bool plain_name(const std::string& id) {

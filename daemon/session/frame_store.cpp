@@ -5,6 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "config/json_text.h"
 #include "core/check.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/frame_file.h"
@@ -18,7 +19,7 @@ std::string sidecar(const TakenFrame& taken) {
                                     {"asked_s", taken.asked},
                                     {"applied_s", taken.frame.exposure},
                                     {"taken_at", taken.taken_at}};
-  return json.dump(1) + "\n";
+  return json_text(json, 1) + "\n";
 }
 
 }  // namespace

@@ -65,6 +65,10 @@ Result<std::vector<InputFile>> copy_inputs(const SessionFolder& folder, const Ri
 Result<void> use_inputs(const SessionFolder& folder, const std::vector<InputFile>& inputs, Rig& rig,
                         SessionSpec& spec) {
   for (const InputFile& input : inputs) {
+    if (!stays_inside(input.file))
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("read session '{}': the input file '{}' leads out of the folder",
+                              folder.root.string(), input.file));
     const fs::path path = folder.root / input.file;
     const auto text = read_file(path);
     if (!text || sha256_hex(*text) != input.sha256) {

@@ -10,6 +10,7 @@
 #include <system_error>
 #include <utility>
 
+#include "config/json_text.h"
 #include "core/check.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/json_parse.h"
@@ -48,7 +49,7 @@ std::string to_line(std::uint64_t sequence, const std::string& event, const orde
   line["seq"] = sequence;
   line["event"] = event;
   for (const auto& [key, value] : fields.items()) line[key] = value;
-  std::string body = line.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
+  std::string body = json_text(line);
   const std::string suffix = crc_suffix(body);
   body.pop_back();
   return body + suffix + "\n";
@@ -160,6 +161,7 @@ Journal& Journal::operator=(Journal&& other) noexcept {
     next_ = other.next_;
     bytes_ = other.bytes_;
     torn_tail_ = other.torn_tail_;
+    half_written_ = other.half_written_;
     replayed_ = std::move(other.replayed_);
   }
   return *this;
@@ -173,6 +175,10 @@ Result<JournalEvent> Journal::append(const std::string& event, ordered_json fiel
   CHECK(fd_ >= 0);
   CHECK(fields.is_null() || fields.is_object());
   const std::string line = to_line(next_, event, fields);
+  // What could not be taken back then is taken back now, or nothing is written.
+  if (half_written_ && ::ftruncate(fd_, static_cast<off_t>(bytes_)) != 0)
+    return journal_failure("take back a half-written line of", path_, errno);
+  half_written_ = false;
   std::size_t done = 0;
   int number = 0;
   while (done < line.size() && number == 0) {
@@ -188,9 +194,7 @@ Result<JournalEvent> Journal::append(const std::string& event, ordered_json fiel
   if (number == 0 && ::fsync(fd_) != 0) number = errno;
   if (number != 0) {
     // Half a line must not stand before a later whole one: take back what went in.
-    if (::ftruncate(fd_, static_cast<off_t>(bytes_)) != 0) {
-      return journal_failure("take back a half-written line of", path_, errno);
-    }
+    half_written_ = ::ftruncate(fd_, static_cast<off_t>(bytes_)) != 0;
     return journal_failure("append to", path_, number);
   }
   bytes_ += line.size();

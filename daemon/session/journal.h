@@ -58,6 +58,7 @@ class Journal {
   std::uint64_t next_ = 1;
   std::uint64_t bytes_ = 0;  ///< length of the valid file
   bool torn_tail_ = false;
+  bool half_written_ = false;  ///< a line that could not be taken back stands behind bytes_
   std::vector<JournalEvent> replayed_;
 };
 

@@ -76,7 +76,8 @@ FrameLikeness compare_frames(const Frame& then, const Frame& now,
     if (sites[i] == 0) continue;
     const double a = then.counts.counts[i] - sensor.black_level;
     const double b = now.counts.counts[i] - sensor.black_level;
-    if (then.counts.counts[i] >= white || now.counts.counts[i] >= white) continue;
+    // Saturated now and not then is a change, and as much of one as can be seen.
+    if (then.counts.counts[i] >= white && now.counts.counts[i] >= white) continue;
     const double noise = std::sqrt(variance_of(sensor, a) + variance_of(sensor, b));
     if (std::max(a, b) < signal_sigmas * noise) continue;
     ratios.push_back(b / std::max(a, 1.0));

@@ -34,8 +34,7 @@ Result<std::map<std::string, std::string>> read_manifest(const SessionFolder& fo
     const std::size_t name_at =
         space == digest_letters ? line.find_first_not_of(" \t*", space) : std::string::npos;
     const fs::path name = name_at == std::string::npos ? "" : line.substr(name_at);
-    if (name.empty() || name.is_absolute() ||
-        std::ranges::find(name, fs::path("..")) != name.end()) {
+    if (!stays_inside(name)) {
       return fail(
           ErrorCode::invalid_input,
           fmt::format("manifest-sha256.txt:{}: is not '<sha256>  <path in the folder>'", number));

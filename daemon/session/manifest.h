@@ -9,7 +9,7 @@
 
 namespace lightrig {
 
-/// What manifest-sha256.txt says [BagIt, RFC 8493]: SHA-256 by path relative to the session folder.
+/// What manifest-sha256.txt says [RFC 8493]: SHA-256 by path relative to the session folder.
 /// Errors: not_found, refused; invalid_input for a line that is not '<sha256>  <path>' or a path
 /// that leads out of the folder, with its number.
 Result<std::map<std::string, std::string>> read_manifest(const SessionFolder& folder);

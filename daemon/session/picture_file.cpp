@@ -61,7 +61,8 @@ Result<GreyImage> read_grey_image(const std::filesystem::path& file) {
     for (int x = 0; x < grey.width; ++x) {
       double sum = 0;
       for (int c = 0; c < picture->channels; ++c) sum += double{picture->at(x, y, c)};
-      const double value = 255 * sum / picture->channels;
+      const double mean = 255 * sum / picture->channels;
+      const double value = std::isfinite(mean) ? mean : 0;
       grey.pixels.push_back(static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.0, 255.0))));
     }
   }

@@ -8,6 +8,7 @@
 #include <span>
 #include <utility>
 
+#include "config/json_text.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/json_cursor.h"
 #include "daemon/session/json_parse.h"
@@ -270,7 +271,7 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
                   {"peak_memory_mib", prepared.peak_memory_mib},
                   {"predicted_capture_s", plan.predicted_capture_time},
                   {"stages_s", std::move(stages)}};
-  return json.dump(1) + "\n";
+  return json_text(json, 1) + "\n";
 }
 
 Result<void> check_made_for(const Plan& plan, const Prepared& prepared) {

@@ -249,7 +249,7 @@ Result<void> bin(const Rig& rig, const SessionSpec& spec, Prepared& prepared, St
   return {};
 }
 
-/// A well-mixed 64-bit number from a counter [Steele, Lea, Flood 2014].
+/// A well-mixed 64-bit number from a counter [Steele 2014].
 std::uint64_t split_mix(std::uint64_t x) {
   x += 0x9E3779B97F4A7C15U;
   x = (x ^ (x >> 30U)) * 0xBF58476D1CE4E5B9U;

@@ -15,6 +15,7 @@
 #include "daemon/session/result_pictures.h"
 #include "daemon/session/session_result.h"
 #include "daemon/session/session_story.h"
+#include "daemon/session/session_upkeep.h"
 #include "daemon/session/stopwatch.h"
 #include "sim/open_devices.h"
 #include "sim/truth.h"
@@ -96,11 +97,10 @@ void describe_session(const SessionRecord& record, const Reduction& reduction, i
   r.estimator = describe(record.spec.estimator, basis.components());
   r.mapping = describe(basis.mapping);
   r.basis_source = basis.source;
-  r.criterion = record.plan.criterion == Criterion::condition
-                    ? "condition number κ² of the planned rows"
-                    : "least posterior variance (A-optimal)";
+  r.criterion = record.plan.criterion;
   r.plan_stop = describe(record.plan);
   r.stop_fired = stop_fired(record);
+  r.capture_cost = capture_cost(record);
   r.arithmetic = arithmetic(threads);
   r.floor = basis.mapping.floor;
   r.model_sigma = basis.model_sigma;
@@ -184,6 +184,12 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   if (!surroundings) return tl::unexpected(surroundings.error());
   const auto record = read_session_folder(session);
   if (!record) return tl::unexpected(record.error());
+  std::error_code ignored;
+  const bool in_place = out.empty() || fs::equivalent(out, record->folder.root, ignored);
+  // Two that write one result would leave a mixture of both.
+  const auto held =
+      in_place ? hold_folder(record->folder) : Result<FileDescriptor>(FileDescriptor());
+  if (!held) return tl::unexpected(held.error());
   const auto prepared = prepare_with_plan(record->rig, record->spec, record->plan);
   if (!prepared) return tl::unexpected(prepared.error());
   auto reference = reference_of(record->rig, record->spec, simulated(*record));
@@ -235,8 +241,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   if (auto written = write_result(folder, result, *pictures); !written) {
     return tl::unexpected(with_context("write the result", written.error()));
   }
-  std::error_code ignored;
-  if (out.empty() || fs::equivalent(root, record->folder.root, ignored)) {
+  if (in_place) {
     if (auto renewed = renew_results_in_manifest(record->folder); !renewed) {
       return tl::unexpected(with_context("keep the seal", renewed.error()));
     }

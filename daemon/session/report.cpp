@@ -10,6 +10,7 @@
 #include "daemon/session/chart.h"
 #include "daemon/session/picture.h"
 #include "daemon/session/report_text.h"
+#include "daemon/session/session_story.h"
 
 namespace lightrig {
 namespace {
@@ -223,7 +224,7 @@ std::string lights(const SessionResult& r, const ResultPictures& pictures) {
       legend(diverging_colour, -1, fmt::format("−{:.0f} %", 100 * pictures.image_difference_range),
              "difference", fmt::format("+{:.0f} %", 100 * pictures.image_difference_range));
   for (const LightResult& light : r.lights) {
-    html += "<div class=\"light\"><div>" + light_facts(light, r.criterion == "condition") +
+    html += "<div class=\"light\"><div>" + light_facts(light, r.criterion == Criterion::condition) +
             "</div><div class=\"strip\">";
     const auto drawn =
         std::find_if(pictures.lights.begin(), pictures.lights.end(),
@@ -273,6 +274,9 @@ std::string cost(const SessionResult& r) {
   html +=
       fmt::format("<tr><td>on the rig, to the last light stored</td><td class=n>{:.1f}</td></tr>\n",
                   elapsed_of(r));
+  for (const StageCost& stage : r.capture_cost)
+    html += fmt::format("<tr><td>&emsp;{}</td><td class=n>{:.1f}</td></tr>\n", escaped(stage.stage),
+                        stage.seconds);
   std::vector<StageCost> sums;
   for (const StageCost& stage : r.cost) {
     const auto same = std::find_if(sums.begin(), sums.end(),
@@ -306,7 +310,7 @@ std::string method(const SessionResult& r) {
       row("rows", fmt::format("{} measured, {} censored; residual {:.3g} rms (ln units)",
                               counted(r.coefficients.rows_value),
                               counted(r.coefficients.rows_censored), r.coefficients.residual_rms));
-  html += row("planned by", r.criterion + "; stop: " + r.plan_stop);
+  html += row("planned by", describe(r.criterion) + "; stop: " + r.plan_stop);
   html += row("stopped by", r.stop_fired);
   html += row("scale", r.absolute_scale ? "absolute: lamp and response are calibrated"
                                         : "nominal: the rig file's lamp strength, not calibrated");
@@ -323,9 +327,10 @@ std::string method(const SessionResult& r) {
          "Over the bins it shows, the root mean square of ln predicted − ln measured, less the "
          "sensor's noise, is set against the root mean square of ln f over the whole table; then "
          "scaled by how much more uncertain the posterior holds the whole table to be than those "
-         "bins (by 2.5 at most), so that it stands for the same figure as the true error; on fits "
-         "of MERL it "
-         "comes out at half to three quarters of it. <b>Misfit</b>: the same "
+         "bins (by 2.5 at most). Far above the prediction, it says that pose, lamp or scale are "
+         "not "
+         "as the rig file has them; of directions that no light shows it says nothing. "
+         "<b>Misfit</b>: the same "
          "before scaling, for each light.</p>\n";
 }
 

@@ -1,7 +1,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "config/json_text.h"
 #include "daemon/session/session_result.h"
+#include "daemon/session/session_story.h"
 
 namespace lightrig {
 namespace {
@@ -98,7 +100,7 @@ Json to_json(const std::vector<LeftOutLine>& lines, const std::vector<std::strin
 
 Json method(const SessionResult& r) {
   return {{"estimator", r.estimator},
-          {"criterion", r.criterion},
+          {"criterion", describe(r.criterion)},
           {"mapping", r.mapping},
           {"floor_per_sr", r.floor},
           {"model_sigma", r.model_sigma},
@@ -155,8 +157,13 @@ std::string result_json(const SessionResult& r) {
   for (const StageCost& stage : r.cost) {
     seconds[stage.stage] = seconds.value(stage.stage, 0.0) + stage.seconds;
   }
-  json["cost"] = {{"threads", r.threads}, {"arithmetic", r.arithmetic}, {"seconds", seconds}};
-  return json.dump(2) + "\n";
+  Json capture = Json::object();
+  for (const StageCost& stage : r.capture_cost) capture[stage.stage] = stage.seconds;
+  json["cost"] = {{"threads", r.threads},
+                  {"arithmetic", r.arithmetic},
+                  {"capture_seconds", capture},
+                  {"seconds", seconds}};
+  return json_text(json, 2) + "\n";
 }
 
 std::string coefficients_json(const SessionResult& r) {
@@ -178,7 +185,7 @@ std::string coefficients_json(const SessionResult& r) {
                   {"c", rows_of(r.coefficients.c)},
                   {"stddev", rows_of(stddev)},
                   {"prior_stddev", std::vector<double>(prior.begin(), prior.end())}};
-  return json.dump(1) + "\n";
+  return json_text(json, 1) + "\n";
 }
 
 }  // namespace lightrig

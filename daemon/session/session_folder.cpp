@@ -24,10 +24,7 @@ StoredFrame frame_of(const JsonCursor& at, const std::string& role) {
   frame.exposure = at["exposure_s"].number();
   frame.sha256 = at["sha256"].text();
   // The journal is read from disk: a name in it must not lead out of the folder.
-  const fs::path path(frame.file);
-  if (path.is_absolute() || std::ranges::find(path, fs::path("..")) != path.end()) {
-    at["file"].reject("leads out of the session folder");
-  }
+  if (!stays_inside(frame.file)) at["file"].reject("leads out of the session folder");
   return frame;
 }
 
@@ -155,6 +152,11 @@ Result<void> check_configuration(const SessionRecord& record) {
 }
 
 }  // namespace
+
+bool stays_inside(const fs::path& name) {
+  return !name.empty() && !name.is_absolute() &&
+         std::ranges::find(name, fs::path("..")) == name.end();
+}
 
 std::string shot_name(const Plan& plan, int index) {
   const bool held_out = plan.shots[static_cast<std::size_t>(index)].held_out;

@@ -35,6 +35,9 @@ struct CapturedShot {
   double lamp_power = 1;
 };
 
+/// Whether a name that was read from a session folder's files stays inside that folder.
+bool stays_inside(const std::filesystem::path& name);
+
 /// Names and paths of a session folder; knows its layout [docs/session_folder.md], holds no state.
 struct SessionFolder {
   std::filesystem::path root;

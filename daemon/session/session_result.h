@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/fit.h"
+#include "core/planner.h"
 #include "core/samples.h"
 #include "daemon/session/baselines.h"
 #include "daemon/session/held_out.h"
@@ -40,10 +41,11 @@ struct SessionResult {
   std::string session, rig, sample_id, operator_name, notes, state;
   std::string object;  ///< one line: what was in front of the camera
 
-  std::string estimator, mapping, basis_source, criterion, plan_stop, stop_fired, arithmetic;
-  double floor = 0;           ///< [1/sr]
-  double model_sigma = 0;     ///< mapped units, as fitted with
-  double expected_sigma = 0;  ///< the same as the basis came with
+  std::string estimator, mapping, basis_source, plan_stop, stop_fired, arithmetic;
+  Criterion criterion = Criterion::condition;  ///< of the plan
+  double floor = 0;                            ///< [1/sr]
+  double model_sigma = 0;                      ///< mapped units, as fitted with
+  double expected_sigma = 0;                   ///< the same as the basis came with
   double variance_captured = 0;
   int basis_materials = 0, components = 0, channels = 0;
   int threads = 1;
@@ -57,7 +59,8 @@ struct SessionResult {
   std::vector<LightResult> lights;
   std::vector<LeftOutLine> left_out;
   std::vector<std::string> drivers_not_opened;
-  std::vector<StageCost> cost;
+  std::vector<StageCost> capture_cost;  ///< on the rig
+  std::vector<StageCost> cost;          ///< of planning and reduction
   std::vector<std::string> warnings;
 
   BrdfBasis const* basis = nullptr;  ///< outlives the result

@@ -158,6 +158,41 @@ bool simulated(const SessionRecord& record) {
   });
 }
 
+std::vector<StageCost> capture_cost(const SessionRecord& record) {
+  double homing = 0, darks = 0, exposing = 0, lights = 0, other = 0, before = 0;
+  for (const JournalEvent& event : record.events) {
+    const auto measured = event.fields.find("measured");
+    if (measured == event.fields.end() || !measured->contains("elapsed_s")) continue;
+    const double elapsed = (*measured)["elapsed_s"].get<double>();
+    const double spent = std::max(0.0, elapsed - before);
+    before = std::max(before, elapsed);
+    if (event.event == "homed") {
+      homing += spent;
+    } else if (event.event == "dark") {
+      darks += spent;
+    } else if (event.event == "shot") {
+      double exposed = 0;
+      for (const auto& frame : event.fields["frames"]) exposed += frame["exposure_s"].get<double>();
+      exposing += std::min(exposed, spent);
+      lights += std::max(0.0, spent - exposed);
+    } else {
+      other += spent;
+    }
+  }
+  std::vector<StageCost> cost;
+  const auto add = [&](const char* stage, double seconds) {
+    cost.emplace_back();
+    cost.back().stage = stage;
+    cost.back().seconds = seconds;
+  };
+  add("homing", homing);
+  add("dark frames", darks);
+  add("moving, settling, lamp, readout, storing", lights);
+  add("exposing", exposing);
+  if (other > 0) add("pauses, reference looks, resuming", other);
+  return cost;
+}
+
 std::string describe(Estimator estimator, Eigen::Index components) {
   return estimator == Estimator::map
              ? fmt::format("MAP with the basis' prior, {} components", components)
@@ -174,6 +209,11 @@ std::string describe(const LogMapping& mapping) {
       return "log-relative, cosine-weighted";
   }
   return "";
+}
+
+std::string describe(Criterion criterion) {
+  return criterion == Criterion::condition ? "condition number κ² of the planned rows"
+                                           : "least posterior variance (A-optimal)";
 }
 
 std::string describe(const Plan& plan) {

@@ -28,8 +28,13 @@ std::string stop_fired(const SessionRecord& record);
 /// Whether the journal or the rig says that the devices were simulated in memory.
 bool simulated(const SessionRecord& record);
 
+/// Where the time on the rig went, as the journal measured it: homing, dark frames, exposing (lamp
+/// on and ambient), and what is left of the lights: moving, settling, lamp, readout, storing.
+std::vector<StageCost> capture_cost(const SessionRecord& record);
+
 std::string describe(Estimator estimator, Eigen::Index components);
 std::string describe(const LogMapping& mapping);
+std::string describe(Criterion criterion);
 std::string describe(const Plan& plan);
 
 }  // namespace lightrig

@@ -1,8 +1,11 @@
 #include "daemon/session/session_upkeep.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <system_error>
 
 #include "daemon/session/durable_file.h"
@@ -31,6 +34,26 @@ Result<std::vector<fs::path>> files_below(const fs::path& folder, const fs::path
   }
   std::ranges::sort(files);
   return files;
+}
+
+Result<FileDescriptor> hold_folder(const SessionFolder& folder) {
+  FileDescriptor held(::open(folder.journal().c_str(), O_RDONLY | O_CLOEXEC));
+  if (!held.valid() || ::flock(held.get(), LOCK_EX | LOCK_NB) != 0)
+    return fail(ErrorCode::refused,
+                fmt::format("hold session '{}': {}", folder.root.string(),
+                            held.valid() && errno == EWOULDBLOCK
+                                ? "another process captures into it or reduces it; wait for its end"
+                                : std::generic_category().message(errno)));
+  return held;
+}
+
+bool is_finished(const SessionFolder& folder) {
+  std::error_code ignored;
+  if (!fs::exists(folder.manifest(), ignored)) return false;
+  const auto replay = replay_journal(folder.journal());
+  if (!replay) return false;
+  const auto captured = captured_of(replay->events);
+  return captured && captured->sealed && captured->state == "done";
 }
 
 Result<std::vector<std::string>> set_aside_frames(const SessionFolder& folder,

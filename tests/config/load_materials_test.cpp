@@ -84,7 +84,9 @@ TEST(LoadMaterials, CountsValuesThatAreNotMeasurements) {
   const auto loaded = load_materials(config_of(folder));
   ASSERT_TRUE(loaded) << loaded.error().message;
   ASSERT_EQ(loaded->remarks.size(), 1U);
-  EXPECT_THAT(loaded->remarks[0], HasSubstr("b: 2 of 144 values are not numbers and 1 negative"));
+  EXPECT_THAT(
+      loaded->remarks[0],
+      HasSubstr("b: of 144 values 2 are not numbers, 0 above 1e+06 1/sr and 1 negative: ignored"));
   EXPECT_TRUE(std::isnan(loaded->materials[1].table.f(0, 0)));
   EXPECT_FALSE(std::isnan(loaded->materials[1].table.f(5, 0)));
 }

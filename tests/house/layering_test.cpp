@@ -32,7 +32,7 @@ const std::vector<Room> rooms = {
     {"config",
      {"core"},
      {"toml++/", "assimp/", "openssl/", "nlohmann/", "fcntl.h", "unistd.h", "sys/stat.h"},
-     {}},
+     {"nlohmann/"}},
     {"drivers",
      {"core", "config"},
      {"modbus/", "libusb-1.0/", "libusb.h", "arv.h", "glib", "sys/", "netinet/", "termios.h",

@@ -51,10 +51,18 @@ TEST(OpenApi, DemandsTheHeaderOfEveryMutation) {
 }
 
 TEST(RequestBody, NamesAnUnknownMemberAndWhatThereIs) {
-  const auto body = start_body(R"({"sesion_path":"/x"})");
+  const std::vector<BodyField> fields{{"session_path", "string", false, "a path"},
+                                      {"force", "boolean", false, "a flag"},
+                                      {"power", "number", true, "how bright"}};
+  const auto body = check_body(R"({"power":1,"sesion_path":"/x"})", fields);
   ASSERT_FALSE(body);
   EXPECT_NE(body.error().message.find("sesion_path"), std::string::npos);
   EXPECT_NE(body.error().message.find("session_path"), std::string::npos);
+  EXPECT_TRUE(check_body(R"({"power":0.5,"force":true})", fields));
+  for (const char* wrong : {R"({"power":1,"force":"true"})", R"({"power":1,"force":1})",
+                            R"({"power":"1"})", R"({"force":true})", "", "[]", "{"})
+    EXPECT_FALSE(check_body(wrong, fields)) << wrong;
+  EXPECT_TRUE(check_body("", {})) << "a body may be left out where nothing is asked for";
 }
 
 TEST(RequestBody, ReadsDegreesAndMillimetresAsTheAxisIs) {
@@ -63,15 +71,20 @@ TEST(RequestBody, ReadsDegreesAndMillimetresAsTheAxisIs) {
   Axis rail;
   rail.name = "rail";
   rail.rotary = false;
-  const std::vector<Axis> axes{azimuth, rail};
+  Axis lamp;
+  lamp.name = "lamp";
+  lamp.rotary = false;
+  lamp.selector = true;
+  const std::vector<Axis> axes{azimuth, rail, lamp};
   EXPECT_DOUBLE_EQ(jog_body(R"({"axis":"azimuth","by_deg":180})", axes)->value, 3.141592653589793);
   EXPECT_DOUBLE_EQ(jog_body(R"({"axis":"rail","to_mm":250})", axes)->value, 0.25);
+  EXPECT_DOUBLE_EQ(jog_body(R"({"axis":"lamp","to":3})", axes)->value, 3);
+  EXPECT_FALSE(jog_body(R"({"axis":"lamp","to_mm":3})", axes));
   EXPECT_TRUE(jog_body(R"({"axis":"azimuth","by_deg":1})", axes)->relative);
   EXPECT_FALSE(jog_body(R"({"axis":"rail","to_mm":1})", axes)->relative);
   for (const char* wrong :
        {R"({"axis":"rail","by_deg":1})", R"({"axis":"azimuth"})", R"({"by_deg":1})", "[]", "{",
-        R"({"axis":"azimuth","by_deg":"1"})", R"({"axis":"azimuth","by_deg":1,"to_deg":2})",
-        R"({"axis":"azimuth","by_deg":1,"speed":2})"})
+        R"({"axis":"azimuth","by_deg":"1"})", R"({"axis":"azimuth","by_deg":1,"to_deg":2})"})
     EXPECT_FALSE(jog_body(wrong, axes)) << wrong;
 }
 

@@ -30,7 +30,7 @@ struct Example {
     result.session = "20260101T000000Z-brass";
     result.sample_id = "brass <3>";
     result.rig = "demo";
-    result.criterion = "condition";
+    result.criterion = Criterion::condition;
     result.state = "done";
     result.curve = {{1, 20, 12, 8, 18, 13.0, 11.0}, {2, 41.5, 6, 4, 9, std::nullopt, 5.25}};
     result.baselines.mean_only_percent = 48;
