@@ -2,11 +2,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <optional>
+#include <vector>
 
 #include "core/basis_training.h"
 #include "core/check.h"
 #include "core/leave_out_trials.h"
+#include "core/parallel.h"
 
 namespace lightrig {
 namespace {
@@ -120,7 +124,7 @@ double mean_error(const FoldFits& fits, double row_variance) {
 }  // namespace
 
 LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
-                             const Eigen::MatrixXd& K, int folds) {
+                             const Eigen::MatrixXd& K, int folds, int threads) {
   LeaveOut out{basis.stddev, basis.model_sigma, basis.unsaid_sigma, basis.calibration, false};
   const std::vector<Fold> all = make_folds(basis, training, K, folds);
   const auto valid_cells = std::count(basis.valid.begin(), basis.valid.end(), 1);
@@ -145,41 +149,55 @@ LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
   };
   constexpr std::array<Scene, 3> scenes = {Scene{2, 1}, Scene{4, 2}, Scene{8, 4}};
   constexpr std::array<double, 5> factors = {0.7, 1.0, 1.5, 2.5, 4.0};
-  std::array<double, factors.size()> error{};
-  std::vector<FoldFits> fits;
-  std::vector<int> step_of;
-  for (const Scene& scene : scenes) {
-    const std::vector<Eigen::Index> rows = rows_of_lights(basis, scene.lights, scene.step);
-    for (const Fold& fold : all) {
-      fits.emplace_back(fold, training, rows, resampled(out.stddev, fold.c.rows()));
-      step_of.push_back(scene.step);
-      for (std::size_t i = 0; i < factors.size(); ++i) {
-        const double sigma = factors[i] * std::max(out.unsaid_sigma, 1e-6);
-        error[i] += mean_error(fits.back(), sigma * sigma / scene.step);
-      }
+  // Every scene with every fold stands alone; sums are taken in their order, whoever did them.
+  using Errors = std::array<double, factors.size()>;
+  const auto folded = static_cast<std::int64_t>(all.size());
+  std::vector<std::optional<FoldFits>> fits(scenes.size() * all.size());
+  std::vector<Errors> errors(fits.size());
+  const auto each = [&](std::size_t of_scenes, const auto& work) {
+    parallel_ranges(static_cast<std::int64_t>(of_scenes) * folded, 1, threads,
+                    [&](std::int64_t i, std::int64_t, int) {
+                      work(static_cast<std::size_t>(i), static_cast<std::size_t>(i / folded),
+                           all[static_cast<std::size_t>(i % folded)]);
+                    });
+  };
+  each(scenes.size(), [&](std::size_t i, std::size_t s, const Fold& fold) {
+    const Scene& scene = scenes[s];
+    fits[i].emplace(fold, training, rows_of_lights(basis, scene.lights, scene.step),
+                    resampled(out.stddev, fold.c.rows()));
+    for (std::size_t k = 0; k < factors.size(); ++k) {
+      const double sigma = factors[k] * std::max(out.unsaid_sigma, 1e-6);
+      errors[i][k] = mean_error(*fits[i], sigma * sigma / scene.step);
     }
+  });
+  Errors error{};
+  for (const Errors& one : errors) {
+    for (std::size_t k = 0; k < factors.size(); ++k) error[k] += one[k];
   }
   const auto best =
       static_cast<std::size_t>(std::min_element(error.begin(), error.end()) - error.begin());
   out.model_sigma = factors[best] * std::max(out.unsaid_sigma, 1e-6);
-  std::vector<Trial> pooled;
-  for (std::size_t i = 0; i < fits.size(); ++i) {
-    const std::vector<Trial> some =
-        trials(fits[i], training, out.model_sigma * out.model_sigma / step_of[i], unsaid2);
-    pooled.insert(pooled.end(), some.begin(), some.end());
-  }
-  std::vector<Trial> pooled_clipped;
+  std::vector<std::vector<Trial>> exact(fits.size());
+  each(scenes.size(), [&](std::size_t i, std::size_t s, const Fold&) {
+    exact[i] =
+        trials(*fits[i], training, out.model_sigma * out.model_sigma / scenes[s].step, unsaid2);
+  });
   constexpr std::array<Scene, 2> clipped_scenes = {Scene{2, 2}, Scene{8, 8}};
-  for (const Scene& scene : clipped_scenes) {
+  std::vector<std::vector<Trial>> clipped(clipped_scenes.size() * all.size());
+  each(clipped_scenes.size(), [&](std::size_t i, std::size_t s, const Fold& fold) {
+    const Scene& scene = clipped_scenes[s];
     const std::vector<Eigen::Index> rows = rows_of_lights(basis, scene.lights, scene.step);
-    for (const Fold& fold : all) {
-      const FoldFits fit(fold, training, rows, resampled(out.stddev, fold.c.rows()));
-      const std::vector<Trial> some =
-          clipped_trials(basis, fit, training, rows, out.model_sigma, scene.step, unsaid2);
-      pooled_clipped.insert(pooled_clipped.end(), some.begin(), some.end());
+    const FoldFits fit(fold, training, rows, resampled(out.stddev, fold.c.rows()));
+    clipped[i] = clipped_trials(basis, fit, training, rows, out.model_sigma, scene.step, unsaid2);
+  });
+  const auto together = [](const std::vector<std::vector<Trial>>& parts) {
+    std::vector<Trial> pooled;
+    for (const std::vector<Trial>& part : parts) {
+      pooled.insert(pooled.end(), part.begin(), part.end());
     }
-  }
-  out.calibration = calibrated(pooled, pooled_clipped);
+    return pooled;
+  };
+  out.calibration = calibrated(together(exact), together(clipped));
   return out;
 }
 

@@ -41,6 +41,6 @@ struct LeaveOut {
 /// coefficients can say is taken to be as large as the training set's scatter about its mean, with
 /// twice the usual spread.
 LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
-                             const Eigen::MatrixXd& K, int folds);
+                             const Eigen::MatrixXd& K, int folds, int threads);
 
 }  // namespace lightrig

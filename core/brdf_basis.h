@@ -107,6 +107,7 @@ struct BasisOptions {
   int sigma_folds = 5;
   /// 0: as many channels as the materials have; 1: the mean of their channels (a mono camera).
   int channels = 0;
+  int threads = 1;  ///< for the folds; the result does not depend on it
 };
 
 /// PCA of the materials. Errors: invalid_input when the grids differ, fewer than 2 materials, or

@@ -93,6 +93,7 @@ Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock&
   options.mapping = spec.materials.mapping;
   options.floor = spec.materials.floor;
   options.components = spec.materials.components;
+  options.threads = thread_count();
   auto basis = make_basis(prepared.materials, options);
   if (!basis) return tl::unexpected(basis.error());
   prepared.fit_basis = std::move(*basis);
