@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "config/rig.h"
@@ -26,6 +27,10 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const FixedLampsGantry& backen
 Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const ModbusLamp& backend, Clock& clock);
 Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, const AravisCamera& backend,
                                             Clock& clock);
+
+/// What tells wires apart: one that has this name is open once at most, since a serial line has one
+/// master.
+std::string wire_of(const std::variant<TcpEndpoint, SerialEndpoint>& endpoint);
 
 /// One line each for `lightrig backends`.
 Backend modbus_backend();

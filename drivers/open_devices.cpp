@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <variant>
@@ -32,6 +34,23 @@ Result<std::unique_ptr<Lamp>> open_lamp(const Rig&, const GantryLamp&, Clock&) {
       "the lamp hangs on the gantry's controller, but this gantry's driver offers no outputs");
 }
 
+/// Whether only the gantry's driver can reach all of the lamp: an output of its controller, or a
+/// bank of lamps of which the choice is the gantry.
+bool lamp_is_the_gantrys(const Rig& rig) {
+  return std::holds_alternative<GantryLamp>(rig.lamp.backend) ||
+         std::holds_alternative<FixedLampsGantry>(rig.gantry.backend);
+}
+
+/// Whether the lamp comes with the gantry, since it is on its wire.
+bool lamp_shares_gantrys_wire(const Rig& rig) {
+  const auto* lamp = std::get_if<ModbusLamp>(&rig.lamp.backend);
+  const auto* gantry = std::get_if<ModbusGantry>(&rig.gantry.backend);
+  if (!lamp || !gantry) return lamp_is_the_gantrys(rig);
+  return std::any_of(gantry->drives.begin(), gantry->drives.end(), [&](const ModbusDrive& drive) {
+    return wire_of(drive.endpoint) == wire_of(lamp->endpoint);
+  });
+}
+
 }  // namespace
 
 Result<Devices> open_devices(const Rig& rig, Clock& clock) {
@@ -60,23 +79,31 @@ Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, Clock& clock) {
   return camera;
 }
 
+std::string wire_of(const std::variant<TcpEndpoint, SerialEndpoint>& endpoint) {
+  if (const auto* tcp = std::get_if<TcpEndpoint>(&endpoint))
+    return fmt::format("{}:{}", tcp->host, tcp->port);
+  return std::get<SerialEndpoint>(endpoint).device;
+}
+
 Result<void> make_safe(const Rig& rig, Clock& clock) {
-  constexpr std::chrono::seconds answer_time{2};
-  const bool on_gantry = std::holds_alternative<GantryLamp>(rig.lamp.backend);
-  Result<std::unique_ptr<Lamp>> lamp = std::unique_ptr<Lamp>();
-  if (!on_gantry)
-    lamp = std::visit([&](const auto& backend) { return open_lamp(rig, backend, clock); },
+  const auto open_own_lamp = [&] {
+    return std::visit([&](const auto& backend) { return open_lamp(rig, backend, clock); },
                       rig.lamp.backend);
-  // Dark at once: the gantry's wire may take its time to fail.
-  Result<void> dark = lamp ? Result<void>() : Result<void>(tl::unexpected(lamp.error()));
-  if (lamp && *lamp) dark = (*lamp)->set(0, {clock.now() + answer_time, {}});
+  };
+  const auto darken = [&](const Result<std::unique_ptr<Lamp>>& lamp) -> Result<void> {
+    if (!lamp) return tl::unexpected(lamp.error());
+    return (*lamp)->set(0, {clock.now() + std::chrono::seconds(2), {}});
+  };
+  const bool shared = lamp_shares_gantrys_wire(rig);
+  Result<void> dark;
+  // On a wire of its own it goes dark at once: the gantry's wire may take its time to fail.
+  if (!shared) dark = darken(open_own_lamp());
   auto gantry = std::visit([&](const auto& backend) { return open_gantry(rig, backend, clock); },
                            rig.gantry.backend);
-  if (on_gantry) {
-    dark = gantry ? Result<void>() : Result<void>(tl::unexpected(gantry.error()));
-    if (gantry && gantry->lamp) dark = gantry->lamp->set(0, {clock.now() + answer_time, {}});
-  }
-  Result<void> still = gantry ? Result<void>() : Result<void>(tl::unexpected(gantry.error()));
+  const Result<void> still = gantry ? Result<void>() : Result<void>(tl::unexpected(gantry.error()));
+  if (shared && gantry) dark = darken(std::move(gantry->lamp));
+  // A gantry that cannot be reached has given the wire back; a unit of the lamp's own may answer.
+  if (shared && !gantry) dark = lamp_is_the_gantrys(rig) ? still : darken(open_own_lamp());
   if (gantry) gantry->gantry.reset();  // which stops the motion
   if (!dark)
     return tl::unexpected(

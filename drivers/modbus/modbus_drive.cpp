@@ -223,9 +223,11 @@ Result<DriveStatus> ModbusDriveDevice::status(const Until& until) {
   for (const auto& [which, into] :
        {std::pair{&profile_.moving, &status.moving},
         std::pair{&profile_.in_position, &status.in_position},
+        std::pair{&profile_.ready, &status.ready}, std::pair{&profile_.enabled, &status.enabled},
         std::pair{&profile_.homed, &status.homed}, std::pair{&profile_.alarm, &alarm},
         std::pair{&profile_.e_stop, &status.e_stop}})
     if (auto done = look(*which, *into); !done) return tl::unexpected(done.error());
+  if (!profile_.moving) status.moving = !status.in_position;
   status.has_homed_bit = profile_.homed.has_value();
   auto words = bus_.read(config_.unit, profile_.position.table, profile_.position.address,
                          profile_.position.registers(), until);

@@ -28,10 +28,12 @@ struct DriveMove {
   double acceleration = 0;  ///< [rad/s²] or [m/s²]
 };
 
-/// What a drive says of itself, in one look.
+/// What a drive says of itself, in one look; what its profile has no bit for is as it stands here.
 struct DriveStatus {
   double position = 0;  ///< [rad] or [m]
-  bool moving = false, in_position = true, homed = false, has_homed_bit = false, e_stop = false;
+  bool moving = false;  ///< where the profile has no bit for it: not in position
+  bool in_position = true, ready = true, enabled = true;
+  bool homed = false, has_homed_bit = false, e_stop = false;
   std::string alarm;
 };
 

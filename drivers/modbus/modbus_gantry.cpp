@@ -1,69 +1,25 @@
-// A gantry of Modbus drives: coordinated moves, arrival that cannot be fooled, outputs and inputs
-// of its controller.
+// A gantry of Modbus drives: coordinated moves, arrival that cannot be fooled.
+#include "drivers/modbus/modbus_gantry.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
-
-#include "drivers/backends.h"
-#include "drivers/lamp_power.h"
-#include "drivers/modbus/modbus_drive.h"
-#include "drivers/modbus/modbus_lamp.h"
+#include <limits>
 
 namespace lightrig {
 namespace {
 
 constexpr std::chrono::milliseconds poll_interval{20};
 constexpr std::chrono::milliseconds farewell{1000};
+/// From being switched on, or from the end of a motion, until a drive says that it is ready: a
+/// brake has to open, a drive's own scan to come round.
+constexpr std::chrono::milliseconds ready_patience{2000};
 
-std::string wire_key(const ModbusBus::Endpoint& endpoint) {
-  if (const auto* tcp = std::get_if<TcpEndpoint>(&endpoint))
-    return fmt::format("{}:{}", tcp->host, tcp->port);
-  return std::get<SerialEndpoint>(endpoint).device;
-}
-
-/// The wires and drives, shared by the gantry and the lamp on its outputs, both used by the session
-/// thread alone.
-struct ModbusController {
-  ControllerProfile profile;
-  std::map<std::string, std::unique_ptr<ModbusBus>>
-      buses;                              // one per wire, however many drives are on it
-  std::vector<ModbusDriveDevice> drives;  // in axis order
-};
-
-class ModbusGantryDevice final : public Gantry {
- public:
-  ModbusGantryDevice(const Rig& rig, Clock& clock, std::shared_ptr<ModbusController> controller)
-      : model_(rig.gantry.model),
-        interlocks_(rig.interlocks),
-        clock_(clock),
-        controller_(std::move(controller)) {}
-  ~ModbusGantryDevice() override { tell_to_stop(); }
-
-  Result<void> home(const Until& until) override;
-  Result<void> move_to(const GantryPosition& position, const Until& until) override;
-  Result<GantryStatus> status(const Until& until) override;
-  Result<void> clear_fault(const Until& until) override;
-
- private:
-  Result<std::vector<DriveMove>> coordinated(const GantryPosition& from,
-                                             const GantryPosition& to) const;
-  Result<void> start(const ProfileCommand& command, const std::vector<DriveMove>& moves,
-                     const Until& until);
-  Result<void> wait_for_arrival(const GantryPosition* target, const Until& until);
-  Result<void> require_able_to_move(const GantryStatus& status) const;
-  void tell_to_stop();
-
-  const GantryModel model_;
-  const std::vector<Interlock> interlocks_;
-  Clock& clock_;
-  std::shared_ptr<ModbusController> controller_;
-  bool homed_ = false;   ///< for drives whose profile has no homed bit
-  bool moving_ = false;  ///< a motion was started and its end not yet seen
-};
+}  // namespace
 
 void ModbusGantryDevice::tell_to_stop() {
-  if (!moving_) return;
+  if (motion_ == Motion::none) return;
   // The stop is sent to every drive, whatever becomes of the others: with a deadline of its own,
   // after any stop request. All drives are told before the first pulse ends.
   const ProfileCommand& stop = controller_->profile.stop;
@@ -76,7 +32,14 @@ void ModbusGantryDevice::tell_to_stop() {
 }
 
 Result<GantryStatus> ModbusGantryDevice::status(const Until& until) {
-  GantryStatus status;
+  auto now = look(until);
+  if (!now) return tl::unexpected(now.error());
+  return std::move(now->status);
+}
+
+Result<ModbusGantryDevice::Look> ModbusGantryDevice::look(const Until& until) {
+  Look look;
+  GantryStatus& status = look.status;
   status.position.axes.resize(static_cast<Eigen::Index>(controller_->drives.size()));
   status.homed = true;
   status.at_rest = true;
@@ -87,6 +50,10 @@ Result<GantryStatus> ModbusGantryDevice::status(const Until& until) {
     status.position.axes[row++] = one->position;
     status.homed = status.homed && (one->has_homed_bit ? one->homed : homed_);
     status.at_rest = status.at_rest && !one->moving;
+    look.in_position = look.in_position && one->in_position;
+    if (look.not_ready.empty() && !(one->enabled && one->ready))
+      look.not_ready = fmt::format("the drive of axis {} says that it is not {}", drive.axis(),
+                                   one->enabled ? "ready" : "enabled");
     if (!one->alarm.empty()) status.alarm += (status.alarm.empty() ? "" : "; ") + one->alarm;
     if (one->e_stop) status.open_interlocks.push_back("emergency stop at axis " + drive.axis());
   }
@@ -97,7 +64,8 @@ Result<GantryStatus> ModbusGantryDevice::status(const Until& until) {
     if (!closed) return tl::unexpected(with_context("interlock " + interlock.name, closed.error()));
     if (!*closed) status.open_interlocks.push_back(interlock.name);
   }
-  return status;
+  if (motion_ == Motion::unknown && status.at_rest) motion_ = Motion::none;
+  return look;
 }
 
 Result<void> ModbusGantryDevice::require_able_to_move(const GantryStatus& status) const {
@@ -106,6 +74,25 @@ Result<void> ModbusGantryDevice::require_able_to_move(const GantryStatus& status
     return fail(ErrorCode::refused, "interlock open: " + status.open_interlocks.front());
   if (!status.at_rest) return fail(ErrorCode::refused, "the gantry is moving already");
   return {};
+}
+
+Result<void> ModbusGantryDevice::wait_until_ready(const Until& until) {
+  const ControllerProfile& profile = controller_->profile;
+  if (!profile.ready && !profile.enabled) return {};
+  const TimePoint end = std::min(clock_.now() + ready_patience, until.deadline);
+  for (;;) {
+    const auto now = look(until);
+    if (!now) return tl::unexpected(now.error());
+    if (auto able = require_able_to_move(now->status); !able) return able;
+    if (now->not_ready.empty()) return {};
+    if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
+    if (clock_.now() >= end)
+      return fail(ErrorCode::refused,
+                  now->not_ready +
+                      ": home the gantry, which enables its drives; else look at the "
+                      "drive's enable input and its power");
+    clock_.sleep_until(clock_.now() + poll_interval, until.stop);
+  }
 }
 
 // All axes follow one profile s(t) from 0 to 1, whose speed and acceleration are what the slowest
@@ -134,7 +121,8 @@ Result<std::vector<DriveMove>> ModbusGantryDevice::coordinated(const GantryPosit
 
 Result<void> ModbusGantryDevice::start(const ProfileCommand& command,
                                        const std::vector<DriveMove>& moves, const Until& until) {
-  moving_ = true;  // from the first byte on: a write that failed may still have been obeyed
+  // From the first byte on: a write that failed may still have been obeyed.
+  motion_ = Motion::started;
   std::vector<ModbusDriveDevice>& drives = controller_->drives;
   const auto failed = [&](std::size_t i, const Error& error) {
     return tl::unexpected(with_context("axis " + drives[i].axis(), error));
@@ -160,32 +148,40 @@ Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target,
   bool seen_busy = false;
   std::string last_seen = "the drives did not come to rest in time";
   for (;;) {
-    auto now = status(until);
+    auto seen = look(until);
     // At the deadline, where the drives were last seen says more than that there is no time left.
-    if (!now && now.error().code == ErrorCode::timed_out && clock_.now() >= until.deadline)
+    if (!seen && seen.error().code == ErrorCode::timed_out && clock_.now() >= until.deadline)
       return fail(ErrorCode::timed_out, last_seen);
-    if (!now) return tl::unexpected(now.error());
-    if (!now->alarm.empty()) return fail(ErrorCode::refused, now->alarm);
-    if (!now->open_interlocks.empty())
-      return fail(ErrorCode::refused, "interlock opened: " + now->open_interlocks.front());
-    seen_busy = seen_busy || !now->at_rest;
+    if (!seen) return tl::unexpected(seen.error());
+    const GantryStatus& now = seen->status;
+    if (!now.alarm.empty()) return fail(ErrorCode::refused, now.alarm);
+    if (!now.open_interlocks.empty())
+      return fail(ErrorCode::refused, "interlock opened: " + now.open_interlocks.front());
+    seen_busy = seen_busy || !now.at_rest;
     const bool believable = (rule.must_see_busy && seen_busy) || clock_.now() >= earliest;
-    const bool there = target ? arrived(model_, now->position, *target) : homed_ || now->homed;
-    if (now->at_rest && believable && there) {
-      moving_ = false;
+    const bool there =
+        target ? seen->in_position && arrived(model_, now.position, *target) : homed_ || now.homed;
+    if (now.at_rest && believable && there) {
+      motion_ = Motion::none;
       return {};
     }
     if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
-    last_seen = now->at_rest && target
-                    ? fmt::format(
-                          "the drives rest {:.4g} (rad or m) from the target, tolerance {:.4g} "
-                          "rad or {:.4g} m",
-                          (now->position.axes - target->axes).cwiseAbs().maxCoeff(),
-                          model_.tolerance, model_.linear_tolerance)
-                    : std::string("the drives did not come to rest in time");
+    last_seen = where(*seen, target);
     if (clock_.now() >= until.deadline) return fail(ErrorCode::timed_out, last_seen);
     clock_.sleep_until(clock_.now() + poll_interval, until.stop);
   }
+}
+
+/// Why this is no arrival, for the message of a move that ran out of time.
+std::string ModbusGantryDevice::where(const Look& seen, const GantryPosition* target) const {
+  if (!seen.status.at_rest || !target) return "the drives did not come to rest in time";
+  if (arrived(model_, seen.status.position, *target))
+    return "the drives rest at the target but do not all say that they are in position";
+  return fmt::format(
+      "the drives rest {:.4g} (rad or m) from the target, tolerance {:.4g} rad or "
+      "{:.4g} m",
+      (seen.status.position.axes - target->axes).cwiseAbs().maxCoeff(), model_.tolerance,
+      model_.linear_tolerance);
 }
 
 Result<void> ModbusGantryDevice::home(const Until& until) {
@@ -203,6 +199,8 @@ Result<void> ModbusGantryDevice::home(const Until& until) {
     for (ModbusDriveDevice& drive : controller_->drives)
       if (auto on = drive.run(*controller_->profile.enable, {}, until); !on)
         return tl::unexpected(with_context("enable axis " + drive.axis(), on.error()));
+  if (auto ready = wait_until_ready(until); !ready)
+    return tl::unexpected(with_context("home", ready.error()));
   // Without a homed bit the end of motion is all there is to see; the profile's done rule then
   // guards it.
   homed_ = !controller_->profile.homed;
@@ -220,12 +218,14 @@ Result<void> ModbusGantryDevice::home(const Until& until) {
 Result<void> ModbusGantryDevice::move_to(const GantryPosition& position, const Until& until) {
   if (!within_limits(model_, position))
     return fail(ErrorCode::refused, "the target lies outside the gantry's travel; nothing moved");
-  auto before = status(until);
+  auto before = look(until);
   if (!before)
     return tl::unexpected(with_context("read the position before the move", before.error()));
-  if (auto able = require_able_to_move(*before); !able) return able;
-  if (!before->homed) return fail(ErrorCode::refused, "not homed: home first");
-  auto moves = coordinated(before->position, position);
+  if (auto able = require_able_to_move(before->status); !able) return able;
+  if (!before->status.homed) return fail(ErrorCode::refused, "not homed: home first");
+  if (!before->not_ready.empty())
+    if (auto ready = wait_until_ready(until); !ready) return ready;
+  auto moves = coordinated(before->status.position, position);
   if (!moves) return tl::unexpected(moves.error());
   Result<void> done = start(controller_->profile.move, *moves, until);
   if (done) done = wait_for_arrival(&position, until);
@@ -249,104 +249,5 @@ Result<void> ModbusGantryDevice::clear_fault(const Until& until) {
       return tl::unexpected(with_context("reset the alarm of axis " + drive.axis(), done.error()));
   return {};
 }
-
-/// The lamp on a digital output of the gantry's controller (its first drive).
-class OutputLamp final : public Lamp {
- public:
-  OutputLamp(ProfileOutput output, double most, Clock& clock,
-             std::shared_ptr<ModbusController> controller)
-      : output_(output), most_(most), clock_(clock), controller_(std::move(controller)) {}
-  ~OutputLamp() override { (void)set(0, {clock_.now() + farewell, {}}); }
-  Result<void> set(double power, const Until& until) override {
-    if (auto allowed = allowed_power(power, most_); !allowed) return allowed;
-    auto done = controller_->drives.front().set_output(output_, power, until);
-    if (!done) return tl::unexpected(with_context("switch the lamp", done.error()));
-    return {};
-  }
-  Result<LampState> state(const Until& until) override {
-    auto power = controller_->drives.front().read_output(output_, until);
-    if (!power) return tl::unexpected(with_context("read the lamp", power.error()));
-    return LampState{*power, true, std::nullopt};
-  }
-
- private:
-  const ProfileOutput output_;
-  const double most_;
-  Clock& clock_;
-  std::shared_ptr<ModbusController> controller_;
-};
-
-// A drive's watchdog is fed at a third of its time.
-void feed_watchdogs(const ModbusGantry& backend, ModbusController& controller) {
-  if (!controller.profile.watchdog) return;
-  const RegisterItem& item = controller.profile.watchdog->item;
-  std::map<std::string, std::vector<ModbusBus::Place>> places;
-  for (const ModbusDrive& drive : backend.drives)
-    places[wire_key(drive.endpoint)].push_back(
-        {drive.unit, item.table, item.address, item.registers()});
-  for (auto& [wire, units] : places)
-    controller.buses.at(wire)->keep_alive(std::move(units),
-                                          controller.profile.watchdog->timeout / 3);
-}
-
-// After a lost answer a serial line is silent for three timeouts more: a watchdog that barks
-// earlier would turn every lost answer into an alarm.
-Result<void> watchdog_outlasts_recovery(const ModbusGantry& backend) {
-  const auto& watchdog = backend.controller.watchdog;
-  const bool serial =
-      std::any_of(backend.drives.begin(), backend.drives.end(), [](const ModbusDrive& drive) {
-        return std::holds_alternative<SerialEndpoint>(drive.endpoint);
-      });
-  if (!watchdog || !serial || 4 * backend.timeout < watchdog->timeout) return {};
-  return fail(ErrorCode::invalid_input,
-              fmt::format("[gantry.modbus] timeout_ms = {} leaves no time to recover from a lost "
-                          "answer before the drives' watchdog of {} ms barks: on a serial line it "
-                          "must be below a quarter of that",
-                          backend.timeout.count(), watchdog->timeout.count()));
-}
-
-}  // namespace
-
-Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, Clock& clock) {
-  if (auto sound = watchdog_outlasts_recovery(backend); !sound)
-    return tl::unexpected(sound.error());
-  auto controller = std::make_shared<ModbusController>();
-  controller->profile = backend.controller;
-  for (const ModbusDrive& drive : backend.drives) {
-    auto& bus = controller->buses[wire_key(drive.endpoint)];
-    if (!bus) {
-      auto opened = ModbusBus::open(drive.endpoint, backend.timeout, clock);
-      if (!opened) return tl::unexpected(opened.error());
-      bus = std::move(*opened);
-    }
-    controller->drives.emplace_back(controller->profile, drive, *bus, clock);
-    const Until until{clock.now() + 6 * backend.timeout, {}};
-    if (auto ready = controller->drives.back().prepare(until); !ready)
-      return tl::unexpected(with_context("axis " + drive.axis, ready.error()));
-  }
-  feed_watchdogs(backend, *controller);
-  GantryAndLamp opened;
-  opened.gantry = std::make_unique<ModbusGantryDevice>(rig, clock, controller);
-  if (const auto* unit = std::get_if<ModbusLamp>(&rig.lamp.backend)) {
-    // A lamp unit on the gantry's own wire: a serial line has one master.
-    const auto bus = controller->buses.find(wire_key(unit->endpoint));
-    if (bus == controller->buses.end()) return opened;
-    auto shared = std::shared_ptr<ModbusBus>(controller, bus->second.get());
-    auto lamp = make_modbus_lamp(rig, *unit, clock, std::move(shared));
-    if (!lamp) return tl::unexpected(lamp.error());
-    opened.lamp = std::move(*lamp);
-  }
-  const auto* lamp = std::get_if<GantryLamp>(&rig.lamp.backend);
-  if (!lamp) return opened;
-  const auto output = controller->profile.outputs.find(lamp->output);
-  if (output == controller->profile.outputs.end())
-    return fail(ErrorCode::invalid_input,
-                fmt::format("the controller profile {} has no output \"{}\" for the lamp",
-                            controller->profile.name, lamp->output));
-  opened.lamp = std::make_unique<OutputLamp>(output->second, rig.lamp.max_power, clock, controller);
-  return opened;
-}
-
-Backend modbus_backend() { return {"modbus", true, ""}; }
 
 }  // namespace lightrig

@@ -1,6 +1,7 @@
 // The far ends of a rig's Modbus wires.
 #include <set>
 
+#include "drivers/backends.h"
 #include "sim/hosted_wire.h"
 #include "sim/modbus/drive_registers.h"
 #include "sim/modbus/lamp_register.h"
@@ -11,14 +12,7 @@ namespace {
 
 using Endpoint = ModbusServer::Endpoint;
 
-bool same_wire(const Endpoint& a, const Endpoint& b) {
-  if (a.index() != b.index()) return false;
-  if (const auto* tcp = std::get_if<TcpEndpoint>(&a)) {
-    const auto& other = std::get<TcpEndpoint>(b);
-    return tcp->host == other.host && tcp->port == other.port;
-  }
-  return std::get<SerialEndpoint>(a).device == std::get<SerialEndpoint>(b).device;
-}
+bool same_wire(const Endpoint& a, const Endpoint& b) { return wire_of(a) == wire_of(b); }
 
 Result<HostedWire> host(const char* part, const Endpoint& endpoint, ModbusServer::Units units,
                         std::shared_ptr<WireFaults> faults, Wire wire) {

@@ -6,7 +6,6 @@
 #include <chrono>
 #include <thread>
 
-#include "drivers/make_safe.h"
 #include "tests/drivers/wire_rig.h"
 
 namespace lightrig {
@@ -14,52 +13,22 @@ namespace {
 
 using namespace std::chrono_literals;
 
-class GrblWire : public testing::Test {
+class GrblWire : public testing::Test, protected test::WireLab<GrblGantry> {
  protected:
   void SetUp() override {
     if (!backends()[1].built) GTEST_SKIP() << "USB and serial are left out of this build";
-    rig_ = test::quick_rig();
     backend_.letters = {'X', 'Y'};
     backend_.units_per_si = {57.29577951308232, 57.29577951308232};
     SerialEndpoint serial;
     serial.device = testing::TempDir() + "lightrig_grbl_" + std::to_string(getpid());
     backend_.endpoint = serial;
-    rig_.gantry.backend = backend_;
     rig_.lamp.backend = GantryLamp{"spindle"};
-    world_ = test::world_of(rig_, clock_);
-    auto hosted = sim::host_wire(rig_, backend_, world_);
-    ASSERT_TRUE(hosted) << hosted.error().message;
-    hosted_ = std::move(*hosted);
+    ASSERT_NO_FATAL_FAILURE(host());
   }
-
-  Result<GantryAndLamp> open() { return open_gantry(rig_, backend_, clock_); }
-  Until soon(std::chrono::milliseconds time) { return {clock_.now() + time, stop_.get_token()}; }
-
-  RealClock clock_;
-  std::stop_source stop_;
-  Rig rig_;
-  GrblGantry backend_;
-  std::shared_ptr<sim::World> world_;
-  std::vector<sim::HostedWire> hosted_;
 };
 
 TEST_F(GrblWire, IsMadeSafeAfterItsProgramDiedWithTheLampLitAndTheArmMoving) {
-  hosted_.clear();
-  for (Axis& axis : rig_.gantry.model.axes)
-    axis.max_speed = 0.2;  // the way home takes half a minute
-  world_ = test::world_of(rig_, clock_);
-  auto hosted = sim::host_wire(rig_, backend_, world_);
-  ASSERT_TRUE(hosted) << hosted.error().message;
-  hosted_ = std::move(*hosted);
-  ASSERT_TRUE(world_->start_homing());
-  ASSERT_TRUE(world_->set_lamp(0.5));
-  const auto safe = make_safe(rig_, clock_);
-  ASSERT_TRUE(safe) << safe.error().message;
-  EXPECT_EQ(world_->lamp_power(), 0);
-  for (int i = 0; i < 200 && !world_->gantry_status().at_rest; ++i)
-    std::this_thread::sleep_for(10ms);
-  EXPECT_TRUE(world_->gantry_status().at_rest);
-  EXPECT_FALSE(world_->gantry_status().homed);
+  expect_made_safe_with_the_lamp_lit_and_the_arm_moving();
 }
 
 TEST_F(GrblWire, HomesMovesAndReadsItsPositionBack) {

@@ -95,14 +95,12 @@ std::string output_of(const std::string& command, int& code) {
   return out;
 }
 
-class ModbusPeer : public testing::TestWithParam<Peering> {
+class ModbusPeer : public testing::TestWithParam<Peering>, protected test::ModbusLab {
  protected:
   void SetUp() override {
     if (!backends().front().built) GTEST_SKIP() << "Modbus is left out of this build";
     const std::string obstacle = test::enter_own_network();
     if (!obstacle.empty()) GTEST_SKIP() << obstacle;
-    rig_ = test::quick_rig();
-    backend_ = std::get<ModbusGantry>(rig_.gantry.backend);
     backend_.timeout = 400ms;
     const fs::path path = fs::path(lightrig::test::source_dir) / "config/controllers/generic.toml";
     std::stringstream text;
@@ -116,24 +114,16 @@ class ModbusPeer : public testing::TestWithParam<Peering> {
   }
 
   void connect_to(const std::string& device) {
-    for (ModbusDrive& drive : backend_.drives) {
-      SerialEndpoint serial;
-      serial.device = device;
-      if (GetParam().tcp)
-        drive.endpoint = TcpEndpoint{"127.0.0.1", tcp_port};
-      else
-        drive.endpoint = serial;
-    }
-    rig_.gantry.backend = backend_;
+    SerialEndpoint serial;
+    serial.device = device;
+    if (GetParam().tcp)
+      connect(TcpEndpoint{"127.0.0.1", tcp_port});
+    else
+      connect(serial);
   }
   static std::string peer(const std::string& file) {
     return (fs::path(lightrig::test::source_dir) / "tests/drivers/peers" / file).string();
   }
-  Until soon(std::chrono::milliseconds time) { return {clock_.now() + time, {}}; }
-
-  RealClock clock_;
-  Rig rig_;
-  ModbusGantry backend_;
 };
 
 TEST_P(ModbusPeer, OurGantryMovesDrivesThatPymodbusServes) {
@@ -146,10 +136,10 @@ TEST_P(ModbusPeer, OurGantryMovesDrivesThatPymodbusServes) {
        fmt::format("exec /usr/bin/python3 {} {} {} {} > {} 2>&1", peer("pymodbus_drive.py"),
                    GetParam().tcp ? "tcp" : "rtu", where, GetParam().order, said.string())});
   // Python takes a second to be there.
-  Result<GantryAndLamp> opened = open_gantry(rig_, backend_, clock_);
+  Result<GantryAndLamp> opened = open();
   for (int attempt = 0; attempt < 60 && !opened; ++attempt) {
     std::this_thread::sleep_for(100ms);
-    opened = open_gantry(rig_, backend_, clock_);
+    opened = open();
   }
   ASSERT_TRUE(opened) << opened.error().message << "\n" << std::ifstream(said).rdbuf();
   const auto homed = opened->gantry->home(soon(10s));
@@ -172,9 +162,7 @@ TEST_P(ModbusPeer, OurGantryMovesDrivesThatPymodbusServes) {
 TEST_P(ModbusPeer, PymodbusMovesTheDrivesThatWeServe) {
   const std::string device = fmt::format("{}lightrig_peer_{}", testing::TempDir(), getpid());
   connect_to(device);
-  const auto world = test::world_of(rig_, clock_);
-  const auto hosted = sim::host_wire(rig_, backend_, world);
-  ASSERT_TRUE(hosted) << hosted.error().message;
+  ASSERT_NO_FATAL_FAILURE(host());
   int code = -1;
   const std::string out =
       output_of(fmt::format("timeout 60 /usr/bin/python3 {} {} {} {} -60000 70250",
@@ -184,16 +172,14 @@ TEST_P(ModbusPeer, PymodbusMovesTheDrivesThatWeServe) {
   EXPECT_EQ(code, 0) << out;
   EXPECT_THAT(out, HasSubstr("unit 1 at -60000\nunit 2 at 70250\nlamp 500\n"));
   const GantryPosition target = test::at_degrees(-60, 70.25);
-  EXPECT_LT((world->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(), 1e-5);
-  EXPECT_DOUBLE_EQ(world->lamp_power(), 0.5);
+  EXPECT_LT((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(), 1e-5);
+  EXPECT_DOUBLE_EQ(world_->lamp_power(), 0.5);
 }
 
 TEST_P(ModbusPeer, MbpollReadsAndWritesWhatWeServe) {
   const std::string device = fmt::format("{}lightrig_peer_{}", testing::TempDir(), getpid());
   connect_to(device);
-  const auto world = test::world_of(rig_, clock_);
-  const auto hosted = sim::host_wire(rig_, backend_, world);
-  ASSERT_TRUE(hosted) << hosted.error().message;
+  ASSERT_NO_FATAL_FAILURE(host());
   const std::string line = GetParam().tcp ? fmt::format("-m tcp -p {} 127.0.0.1", tcp_port)
                                           : fmt::format("-m rtu -b 115200 -P none {}", device);
   const auto mbpoll = [&](const std::string& what, const std::string& values = "") {
@@ -209,7 +195,7 @@ TEST_P(ModbusPeer, MbpollReadsAndWritesWhatWeServe) {
   EXPECT_THAT(mbpoll("-a 1 -t 4:int -r 512 -c 1 " + words), HasSubstr("-68000"));
   EXPECT_THAT(mbpoll("-a 2 -t 4:int -r 512 -c 1 " + words), HasSubstr("29900"));
   mbpoll("-a 1 -t 4 -r 768", "250");
-  EXPECT_DOUBLE_EQ(world->lamp_power(), 0.25);
+  EXPECT_DOUBLE_EQ(world_->lamp_power(), 0.25);
   int code = 0;
   EXPECT_THAT(
       output_of(fmt::format("timeout 20 mbpoll -q -0 -1 -a 1 -t 4 -r 20480 -c 1 {}", line), code),

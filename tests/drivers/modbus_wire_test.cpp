@@ -3,10 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
-#include <filesystem>
 #include <thread>
 
-#include "drivers/make_safe.h"
 #include "tests/drivers/own_network.h"
 #include "tests/drivers/wire_rig.h"
 
@@ -17,43 +15,23 @@ using namespace std::chrono_literals;
 
 enum class Wire { tcp, rtu };
 
-class ModbusWire : public testing::TestWithParam<Wire> {
+class ModbusWire : public testing::TestWithParam<Wire>, protected test::ModbusLab {
  protected:
   void SetUp() override {
     if (!backends().front().built) GTEST_SKIP() << "Modbus is left out of this build";
     const std::string obstacle = test::enter_own_network();
     if (!obstacle.empty()) GTEST_SKIP() << obstacle;
-    rig_ = test::quick_rig();
-    backend_ = std::get<ModbusGantry>(rig_.gantry.backend);
     backend_.timeout = 200ms;
-    pty_ = testing::TempDir() + "lightrig_modbus_" + std::to_string(getpid());
-    for (ModbusDrive& drive : backend_.drives) {
-      if (GetParam() == Wire::tcp) {
-        drive.endpoint = TcpEndpoint{"127.0.0.1", 1502};
-      } else {
-        SerialEndpoint serial;
-        serial.device = pty_;
-        drive.endpoint = serial;
-      }
-    }
-    rig_.gantry.backend = backend_;
-    world_ = test::world_of(rig_, clock_);
-    auto hosted = sim::host_wire(rig_, backend_, world_);
-    ASSERT_TRUE(hosted) << hosted.error().message;
-    hosted_ = std::move(*hosted);
+    serial_.device = testing::TempDir() + "lightrig_modbus_" + std::to_string(getpid());
+    if (GetParam() == Wire::tcp)
+      connect(TcpEndpoint{"127.0.0.1", 1502});
+    else
+      connect(serial_);
+    ASSERT_NO_FATAL_FAILURE(host());
     ASSERT_EQ(hosted_.size(), 1U) << "two drives on one wire are units of one server";
   }
 
-  Result<GantryAndLamp> open() { return open_gantry(rig_, backend_, clock_); }
-  Until soon(std::chrono::milliseconds time) { return {clock_.now() + time, stop_.get_token()}; }
-
-  RealClock clock_;
-  std::stop_source stop_;
-  Rig rig_;
-  ModbusGantry backend_;
-  std::string pty_;
-  std::shared_ptr<sim::World> world_;
-  std::vector<sim::HostedWire> hosted_;
+  SerialEndpoint serial_;
 };
 
 TEST_P(ModbusWire, ALampOfItsOwnUnitIsDimmedReadBackAndTellsItsTemperature) {
@@ -65,8 +43,7 @@ TEST_P(ModbusWire, ALampOfItsOwnUnitIsDimmedReadBackAndTellsItsTemperature) {
   lamp.temperature = 0x21;
   lamp.degrees_per_count = 0.1;
   rig_.lamp.backend = lamp;
-  auto wires = sim::host_wire(rig_, lamp, world_);
-  ASSERT_TRUE(wires) << wires.error().message;
+  ASSERT_NO_FATAL_FAILURE(host());
   auto opened = open_lamp(rig_, lamp, clock_);
   ASSERT_TRUE(opened) << opened.error().message;
   for (const double celsius : {47.3, -12.5}) {  // below zero the count is negative
@@ -80,50 +57,6 @@ TEST_P(ModbusWire, ALampOfItsOwnUnitIsDimmedReadBackAndTellsItsTemperature) {
   }
   opened->reset();
   EXPECT_EQ(world_->lamp_power(), 0);
-}
-
-// What systemd runs once the service has died: nobody is left who holds the lamp's lease or the
-// motion.
-TEST_P(ModbusWire, IsMadeSafeAfterItsProgramDiedWithTheLampLitAndTheArmMoving) {
-  hosted_.clear();
-  for (Axis& axis : rig_.gantry.model.axes)
-    axis.max_speed = 0.2;  // the way home takes half a minute
-  world_ = test::world_of(rig_, clock_);
-  auto hosted = sim::host_wire(rig_, backend_, world_);
-  ASSERT_TRUE(hosted) << hosted.error().message;
-  hosted_ = std::move(*hosted);
-  ASSERT_TRUE(world_->start_homing());
-  ASSERT_TRUE(world_->set_lamp(0.5));
-  ASSERT_FALSE(world_->gantry_status().at_rest);
-  const auto safe = make_safe(rig_, clock_);
-  ASSERT_TRUE(safe) << safe.error().message;
-  EXPECT_EQ(world_->lamp_power(), 0);
-  for (int i = 0; i < 200 && !world_->gantry_status().at_rest; ++i)
-    std::this_thread::sleep_for(10ms);
-  EXPECT_TRUE(world_->gantry_status().at_rest);
-  EXPECT_FALSE(world_->gantry_status().homed) << "it was stopped on the way, not left to arrive";
-}
-
-TEST_P(ModbusWire, ALampOfItsOwnWireIsMadeDarkThoughTheGantryIsGoneAndIsSaidToBeOnWhereItIsGone) {
-  if (GetParam() != Wire::tcp) GTEST_SKIP() << "one wire is enough: the lamp's is another";
-  ModbusLamp lamp;
-  lamp.endpoint = TcpEndpoint{"127.0.0.1", 1503};
-  lamp.coil = 3;
-  rig_.lamp.backend = lamp;
-  auto wire = sim::host_wire(rig_, lamp, world_);
-  ASSERT_TRUE(wire) << wire.error().message;
-  hosted_.clear();
-  ASSERT_TRUE(world_->set_lamp(0.5));
-  auto safe = make_safe(rig_, clock_);
-  ASSERT_FALSE(safe);
-  EXPECT_EQ(world_->lamp_power(), 0);
-  EXPECT_NE(safe.error().message.find("the lamp is dark, the gantry may be moving"),
-            std::string::npos)
-      << safe.error().message;
-  wire->clear();
-  safe = make_safe(rig_, clock_);
-  ASSERT_FALSE(safe);
-  EXPECT_NE(safe.error().message.find("LAMP MAY BE ON"), std::string::npos) << safe.error().message;
 }
 
 TEST_P(ModbusWire, HomesMovesAndReadsItsPositionBack) {

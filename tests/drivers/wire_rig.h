@@ -2,12 +2,17 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <memory>
+#include <stop_token>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "config/read_rig.h"
 #include "drivers/backends.h"
+#include "drivers/make_safe.h"
 #include "sim/hosted_wire.h"
 #include "sim/open_devices.h"
 #include "sim/world.h"
@@ -43,5 +48,69 @@ inline GantryPosition at_degrees(double azimuth, double elevation) {
   position.axes << azimuth * 0.017453292519943295, elevation * 0.017453292519943295;
   return position;
 }
+
+/// A quick rig, its gantry's backend, and the laboratory at the far end of its wires: what tests of
+/// a driver against it share, whatever else their fixture is.
+template <class Backend>
+class WireLab {
+ protected:
+  /// The far ends of the rig as it is now; the lamp's too where it has a wire of its own.
+  void host() {
+    hosted_.clear();
+    rig_.gantry.backend = backend_;
+    world_ = world_of(rig_, clock_);
+    add_far_end(backend_);
+    if (const auto* lamp = std::get_if<ModbusLamp>(&rig_.lamp.backend)) add_far_end(*lamp);
+  }
+
+  Result<GantryAndLamp> open() { return open_gantry(rig_, backend_, clock_); }
+  Until soon(std::chrono::milliseconds time) { return {clock_.now() + time, stop_.get_token()}; }
+  /// The drives have stopped, within two seconds.
+  bool comes_to_rest() const {
+    for (int i = 0; i < 200 && !world_->gantry_status().at_rest; ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    return world_->gantry_status().at_rest;
+  }
+
+  /// What systemd runs once the service has died: nobody is left who holds the lamp's lease or the
+  /// motion. The way home takes half a minute.
+  void expect_made_safe_with_the_lamp_lit_and_the_arm_moving() {
+    for (Axis& axis : rig_.gantry.model.axes) axis.max_speed = 0.2;
+    ASSERT_NO_FATAL_FAILURE(host());
+    ASSERT_TRUE(world_->start_homing());
+    ASSERT_TRUE(world_->set_lamp(0.5));
+    ASSERT_FALSE(world_->gantry_status().at_rest);
+    const auto safe = make_safe(rig_, clock_);
+    ASSERT_TRUE(safe) << safe.error().message;
+    EXPECT_EQ(world_->lamp_power(), 0);
+    EXPECT_TRUE(comes_to_rest());
+    EXPECT_FALSE(world_->gantry_status().homed) << "it was stopped on the way, not left to arrive";
+  }
+
+  RealClock clock_;
+  std::stop_source stop_;
+  Rig rig_ = quick_rig();
+  Backend backend_;
+  std::shared_ptr<sim::World> world_;
+  std::vector<sim::HostedWire> hosted_;
+
+ private:
+  template <class Part>
+  void add_far_end(const Part& part) {
+    auto wires = sim::host_wire(rig_, part, world_);
+    ASSERT_TRUE(wires) << wires.error().message;
+    for (sim::HostedWire& wire : *wires) hosted_.push_back(std::move(wire));
+  }
+};
+
+/// The same for drives on Modbus, over TCP or over one serial line.
+class ModbusLab : public WireLab<ModbusGantry> {
+ protected:
+  ModbusLab() { backend_ = std::get<ModbusGantry>(rig_.gantry.backend); }
+  void connect(const std::variant<TcpEndpoint, SerialEndpoint>& endpoint) {
+    for (ModbusDrive& drive : backend_.drives) drive.endpoint = endpoint;
+    rig_.gantry.backend = backend_;
+  }
+};
 
 }  // namespace lightrig::test
