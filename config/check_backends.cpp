@@ -185,6 +185,39 @@ void check_name(const Section& table, const std::string& key, const char* what, 
       did_you_mean(name, names.names));
 }
 
+/// What switches this lamp on at full power and no other way; "" where it dims, or where that is
+/// not known.
+std::string what_only_switches(const Section& lamp, const Section& gantry,
+                               const ControllerProfile* profile) {
+  if (const Section* unit = lamp.find("modbus"))
+    return unit->has("coil") ? std::string("a coil") : std::string();
+  const Section* wired = lamp.find("gantry");
+  if (wired == nullptr || !wired->has("output") || !gantry.has("backend")) return {};
+  const std::string& name = wired->text("output");
+  if (gantry.text("backend") == "grbl")
+    return name == "flood" || name == "mist" ? fmt::format("GRBL's output \"{}\"", name) : "";
+  if (gantry.text("backend") != "modbus" || profile == nullptr) return {};
+  const auto output = profile->outputs.find(name);
+  if (output == profile->outputs.end() || output->second.dimmable) return {};
+  return fmt::format("output \"{}\" of profile {}, which does not say dimmable = true,", name,
+                     profile->name);
+}
+
+// A lamp that cannot be dimmed burns at full power whatever is asked of it.
+void check_dimming(const Section& lamp, const Section& gantry, const ControllerProfile* profile,
+                   Findings& findings) {
+  const std::string what = what_only_switches(lamp, gantry, profile);
+  if (what.empty()) return;
+  for (const char* key : {"max_power", "power"})
+    if (lamp.has(key) && lamp.number(key) != 1)
+      findings.error(
+          lamp.at(key),
+          fmt::format("lamp.{} is {}, but {} only switches the lamp on and off, on being "
+                      "full power: it must be 1; what that is in light, "
+                      "the strength says",
+                      key, lamp.number(key), what));
+}
+
 }  // namespace
 
 void check_backends(const Section& root, const ControllerProfile* profile, Findings& findings) {
@@ -196,7 +229,9 @@ void check_backends(const Section& root, const ControllerProfile* profile, Findi
   for (const Section* interlock : root.all("interlocks"))
     check_name(*interlock, "input", "input", controller_names(*gantry, profile, false), findings);
   const Section* lamp = root.find("lamp");
-  const Section* wired = lamp == nullptr ? nullptr : lamp->find("gantry");
+  if (lamp == nullptr) return;
+  check_dimming(*lamp, *gantry, profile, findings);
+  const Section* wired = lamp->find("gantry");
   if (wired == nullptr) return;
   if (simulated)
     findings.error(lamp->at("backend"),

@@ -195,7 +195,7 @@ std::optional<std::int64_t> alarm_number(const std::string& code) {
 }
 
 void check_profile(const Section& root, Findings& findings) {
-  for (const char* name : {"move", "home", "stop", "enable", "disable", "reset_alarm"})
+  for (const char* name : {"move", "home", "stop", "enable", "reset_alarm"})
     check_command(root, name, findings);
   for (const char* name : {"position", "known", "alarm_code", "watchdog"})
     if (const Section* item = root.find(name)) check_item(*item, findings);

@@ -157,7 +157,6 @@ ControllerProfile make_profile(const Section& root) {
   p.home = command(root.table("home"));
   p.stop = command(root.table("stop"));
   p.enable = optional_of<ProfileCommand>(root, "enable", command);
-  p.disable = optional_of<ProfileCommand>(root, "disable", command);
   p.reset_alarm = optional_of<ProfileCommand>(root, "reset_alarm", command);
   p.position = make_item(root.table("position"), usual);
   p.position.unit = RawUnit::counts;

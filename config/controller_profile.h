@@ -133,7 +133,8 @@ struct ControllerProfile {
   int max_block = 123;                     ///< registers in one request
 
   ProfileCommand move, home, stop;
-  std::optional<ProfileCommand> enable, disable, reset_alarm;
+  /// Nothing here lets a motor go: an axis without a brake would fall.
+  std::optional<ProfileCommand> enable, reset_alarm;
 
   RegisterItem position;  ///< unit: counts
   /// A register with a known answer, to prove a line in step after a late reply.

@@ -34,6 +34,8 @@ std::vector<KeySpec> both_units(const std::string& name_key, const KeySpec& rota
 
 /// host, port | device, baud, …: how a Modbus unit is reached; give `endpoint_choice` too.
 std::vector<KeySpec> endpoint_keys();
+/// How long one answer of a wire may take.
+KeySpec timeout_key(const char* fallback);
 /// baud, parity, …, legal only beside `device`; without defaults where a profile gives them.
 std::vector<KeySpec> serial_keys();
 

@@ -37,6 +37,16 @@ std::vector<KeySpec> serial_keys() {
   };
 }
 
+KeySpec timeout_key(const char* fallback) {
+  return {.name = "timeout_ms",
+          .kind = ValueKind::integer,
+          .unit = units::ms,
+          .range = {1, 60000},
+          .need = Need::defaulted,
+          .fallback = fallback,
+          .doc = "Longest wait for one answer."};
+}
+
 std::vector<KeySpec> endpoint_keys() {
   std::vector<KeySpec> keys = {
       {.name = "host",
@@ -107,13 +117,7 @@ TableSpec modbus_table() {
       {.name = "profile",
        .kind = ValueKind::path,
        .doc = "Controller profile; see docs/controller_profile.md."},
-      {.name = "timeout_ms",
-       .kind = ValueKind::integer,
-       .unit = units::ms,
-       .range = {1, 60000},
-       .need = Need::defaulted,
-       .fallback = "500",
-       .doc = "Longest wait for one answer."},
+      timeout_key("500"),
   };
   t.tables = {drive};
   return t;
@@ -169,25 +173,16 @@ TableSpec grbl_table() {
        .need = Need::defaulted,
        .fallback = "115200",
        .doc = "Speed of the line."},
-      {.name = "timeout_ms",
-       .kind = ValueKind::integer,
-       .unit = units::ms,
-       .range = {1, 60000},
-       .need = Need::defaulted,
-       .fallback = "1000",
-       .doc = "Longest wait for one answer."},
+      timeout_key("1000"),
   };
   t.exactly_one = {{"usb_vendor", "device"}};
   t.tables = {axis};
   return t;
 }
 
-}  // namespace
-
-TableSpec gantry_table() {
-  TableSpec t{.name = "gantry",
-              .doc = "What carries the lamp: its geometry, its limits, and how it is reached."};
-  t.keys = {
+/// Which geometry, and its measures.
+std::vector<KeySpec> geometry_keys() {
+  return {
       {.name = "kinematics",
        .kind = ValueKind::choice,
        .choices = {"dome", "cartesian", "cartesian_aimed", "turntable", "lamps"},
@@ -243,6 +238,12 @@ TableSpec gantry_table() {
        .range = {-1e3, 1e3},
        .when = Condition{"kinematics", {"lamps"}},
        .doc = "Emitting centres of the fixed lamps, in the order of their switches."},
+  };
+}
+
+/// When a move has arrived, and when an exposure may begin.
+std::vector<KeySpec> arrival_keys() {
+  return {
       {.name = "settle_s",
        .unit = units::s,
        .range = {0, 600},
@@ -260,6 +261,12 @@ TableSpec gantry_table() {
        .when = Condition{"kinematics", {"cartesian", "cartesian_aimed"}},
        .doc = "And every linear axis within this.",
        .why = "it decides which frames are believed"},
+  };
+}
+
+/// How long motions may take.
+std::vector<KeySpec> time_keys() {
+  return {
       {.name = "move_time_factor",
        .range = {1, 100},
        .need = Need::defaulted,
@@ -279,12 +286,26 @@ TableSpec gantry_table() {
        .need = Need::defaulted,
        .fallback = "60000",
        .doc = "Homing fails after this long."},
-      {.name = "backend",
-       .kind = ValueKind::choice,
-       .choices = {"modbus", "grbl", "lamps", "simulated"},
-       .doc = "How the gantry is reached. \"lamps\": there is none to reach, fixed lamps hang on "
-              "the coils of [lamp.modbus]. \"simulated\" exists only under --simulate."},
   };
+}
+
+KeySpec backend_key() {
+  return {.name = "backend",
+          .kind = ValueKind::choice,
+          .choices = {"modbus", "grbl", "lamps", "simulated"},
+          .doc =
+              "How the gantry is reached. \"lamps\": there is none to reach, fixed lamps hang on "
+              "the coils of [lamp.modbus]. \"simulated\" exists only under --simulate."};
+}
+
+}  // namespace
+
+TableSpec gantry_table() {
+  TableSpec t{.name = "gantry",
+              .doc = "What carries the lamp: its geometry, its limits, and how it is reached."};
+  for (const auto& keys : {geometry_keys(), arrival_keys(), time_keys()})
+    t.keys.insert(t.keys.end(), keys.begin(), keys.end());
+  t.keys.push_back(backend_key());
   t.tables = {axis_table(), body_table(), modbus_table(), grbl_table()};
   return t;
 }

@@ -47,26 +47,16 @@ TableSpec modbus_lamp_table() {
        .range = {1e-6, 100},
        .when = Condition{"temperature", {}},
        .doc = "What one count of it is."},
-      {.name = "timeout_ms",
-       .kind = ValueKind::integer,
-       .unit = units::ms,
-       .range = {1, 60000},
-       .need = Need::defaulted,
-       .fallback = "500",
-       .doc = "Longest wait for one answer."},
+      timeout_key("500"),
   };
   t.keys.insert(t.keys.end(), own.begin(), own.end());
   t.exactly_one = {{"host", "device"}, {"coil", "holding"}};
   return t;
 }
 
-}  // namespace
-
-TableSpec lamp_table() {
-  TableSpec t{
-      .name = "lamp",
-      .doc = "The lamp: how strong, how far away, how long it may burn, how it is switched."};
-  t.keys = {
+/// What kind of source it is.
+std::vector<KeySpec> emission_keys() {
+  return {
       {.name = "kind",
        .kind = ValueKind::choice,
        .choices = {"near", "distant"},
@@ -96,6 +86,12 @@ TableSpec lamp_table() {
        .range = {0, 1e6},
        .when = Condition{"emission", {"table"}},
        .doc = "Intensity at these angles in any unit; linear between them."},
+  };
+}
+
+/// How strong it is.
+std::vector<KeySpec> strength_keys() {
+  return {
       {.name = "strength_w_per_sr",
        .kind = ValueKind::channels,
        .unit = units::w_per_sr,
@@ -119,11 +115,19 @@ TableSpec lamp_table() {
        .fallback = "false",
        .doc = "Strength and sensor response are calibrated; else the result's scale is called "
               "nominal."},
+  };
+}
+
+/// What it may be used for, and how long.
+std::vector<KeySpec> use_keys() {
+  return {
       {.name = "max_power",
        .range = fraction,
        .doc = "The most power any command may ask for.",
        .why = "too much can burn a sample or the lamp"},
-      {.name = "power", .range = {0, 1, true}, .doc = "Power used for capture."},
+      {.name = "power",
+       .range = {0, 1, true},
+       .doc = "Power used for capture; 1 for a lamp that is only switched."},
       {.name = "warm_up_s",
        .unit = units::s,
        .range = {0, 7200},
@@ -135,11 +139,25 @@ TableSpec lamp_table() {
        .range = {0, 86400, true},
        .doc = "The lease: dark after this long without being renewed.",
        .why = "it decides how long a lamp burns when the program has died"},
-      {.name = "backend",
-       .kind = ValueKind::choice,
-       .choices = {"gantry", "modbus", "simulated"},
-       .doc = "How the lamp is switched; \"simulated\" exists only under --simulate."},
   };
+}
+
+KeySpec backend_key() {
+  return {.name = "backend",
+          .kind = ValueKind::choice,
+          .choices = {"gantry", "modbus", "simulated"},
+          .doc = "How the lamp is switched; \"simulated\" exists only under --simulate."};
+}
+
+}  // namespace
+
+TableSpec lamp_table() {
+  TableSpec t{
+      .name = "lamp",
+      .doc = "The lamp: how strong, how far away, how long it may burn, how it is switched."};
+  for (const auto& keys : {emission_keys(), strength_keys(), use_keys()})
+    t.keys.insert(t.keys.end(), keys.begin(), keys.end());
+  t.keys.push_back(backend_key());
   t.tables = {gantry_lamp_table(), modbus_lamp_table()};
   return t;
 }

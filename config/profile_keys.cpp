@@ -153,12 +153,14 @@ TableSpec bit_table(const char* name, const char* doc) {
 TableSpec status_table() {
   TableSpec t{.name = "status", .doc = "Where the drive says how it is."};
   t.tables = {
-      bit_table("ready", "Takes a command."),
+      bit_table("ready", "Takes a command: no motion begins before the drive says so."),
       bit_table("moving", "In motion."),
-      bit_table("in_position", "At the commanded position."),
+      bit_table("in_position",
+                "At the commanded position: no move ends before. Without [status.moving] the drive "
+                "counts as moving while it is not."),
       bit_table("homed", "Knows where it is."),
       bit_table("alarm", "Has stopped with a fault."),
-      bit_table("enabled", "Holds its motor."),
+      bit_table("enabled", "Holds its motor: no motion begins before the drive says so."),
       bit_table("e_stop", "The emergency stop chain is open."),
   };
   return t;
@@ -335,8 +337,9 @@ TableSpec describe_profile() {
       command_table("move", Need::required, "A move to an absolute position."),
       command_table("home", Need::required, "The drive's own homing."),
       command_table("stop", Need::required, "Decelerate and hold."),
-      command_table("enable", Need::optional, "Make the drive hold its motor."),
-      command_table("disable", Need::optional, "Let the motor go."),
+      command_table("enable", Need::optional,
+                    "Make the drive hold its motor; sent before homing. None lets it go: an axis "
+                    "without a brake would fall."),
       command_table("reset_alarm", Need::optional, "Clear a fault."),
       item_table("position", Need::required, "Where the drive is, in counts.",
                  {"holding", "input"}),

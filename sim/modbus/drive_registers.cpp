@@ -29,7 +29,7 @@ DriveRegisters::DriveRegisters(const ModbusGantry& backend, std::size_t axis,
       enabled_(!backend.controller.enable) {
   for (const ProfileCommand* command : {&profile_.move, &profile_.home, &profile_.stop})
     declare(*command);
-  for (const auto* command : {&profile_.enable, &profile_.disable, &profile_.reset_alarm})
+  for (const auto* command : {&profile_.enable, &profile_.reset_alarm})
     if (*command) declare(**command);
   declare(profile_.position);
   for (const auto* bit : {&profile_.ready, &profile_.moving, &profile_.in_position, &profile_.homed,
@@ -240,8 +240,11 @@ std::optional<ModbusException> DriveRegisters::start_move() {
 
 std::optional<ModbusException> DriveRegisters::obey(const Key& key, std::uint16_t before,
                                                     std::uint16_t now) {
-  if (profile_.enable && fires(*profile_.enable, key, before, now)) enabled_ = true;
-  if (profile_.disable && fires(*profile_.disable, key, before, now)) {
+  if (profile_.enable && fires(*profile_.enable, key, before, now)) {
+    enabled_ = true;
+  } else if (profile_.enable && profile_.enable->trigger.style == TriggerStyle::value && now == 0 &&
+             Key{profile_.enable->trigger.table, profile_.enable->trigger.address} == key) {
+    // 0 in the register that holds the motor lets it go.
     enabled_ = false;
     world_->halt_gantry();
   }

@@ -23,9 +23,8 @@ std::optional<std::uint16_t> LampRegister::read(RegisterTable table, int address
 std::optional<ModbusException> LampRegister::write(RegisterTable table, int address,
                                                    std::uint16_t value) {
   if (!is_mine(table, address)) return ModbusException::illegal_address;
-  // A coil is on or off: on is all that the rig allows.
-  const double power =
-      config_.coil ? (value != 0 ? world_->rig().lamp.max_power : 0.0) : value / full();
+  // A coil is on or off, and on is all that the lamp gives, whatever the rig allows.
+  const double power = config_.coil ? (value != 0 ? 1.0 : 0.0) : value / full();
   if (!world_->switch_lamp(power)) return ModbusException::illegal_value;
   return std::nullopt;
 }
@@ -68,7 +67,7 @@ std::optional<ModbusException> LampBankRegisters::obey() {
   if (!status.homed && !world_->start_homing()) return ModbusException::device_failure;
   if ((!status.homed || status.position.axes[0] != chosen) && !world_->start_axis_move(0, chosen))
     return ModbusException::device_failure;
-  if (!world_->set_lamp(world_->rig().lamp.max_power)) return ModbusException::device_failure;
+  if (!world_->set_lamp(1)) return ModbusException::device_failure;
   return std::nullopt;
 }
 

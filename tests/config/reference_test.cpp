@@ -1,79 +1,22 @@
 // The documents cannot drift from the reader: both are made from one description, and compared
-// here. After a deliberate change: LIGHTRIG_WRITE_DOCS=1 test_config --gtest_filter='Reference*'
-#include "config/reference.h"
-
+// here. tests/write_generated.cpp makes them anew after a deliberate change.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
 #include <functional>
 #include <set>
-#include <sstream>
+#include <string>
 
 #include "config/descriptions.h"
 #include "config/read_value.h"
-#include "tests/paths.h"
+#include "tests/config/generated_files.h"
 
 namespace lightrig {
 namespace {
 
-namespace fs = std::filesystem;
-
-const fs::path docs = fs::path(lightrig::test::source_dir) / "docs";
-
-bool writing() { return std::getenv("LIGHTRIG_WRITE_DOCS") != nullptr; }
-
-std::string text_of(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
-// What stands between <!-- NAME: … --> and <!-- /NAME --> in a document.
-void expect_documented(const fs::path& file, const std::string& name, const TableSpec& root) {
-  std::string text = text_of(file);
-  const std::string expected = key_reference(root);
-  const auto head = text.find(std::string("<!-- ").append(name).append(":"));
-  ASSERT_NE(head, std::string::npos) << file << " has no place for the " << name;
-  const auto begin = text.find("-->\n\n", head) + 5;
-  const auto end = text.find(std::string("<!-- /").append(name).append(" -->"), begin);
-  ASSERT_NE(end, std::string::npos) << file << ": the " << name << " do not end";
-  if (writing()) {
-    text.replace(begin, end - begin, expected);
-    std::ofstream(file, std::ios::binary) << text;
-    return;
-  }
-  EXPECT_EQ(text.substr(begin, end - begin), expected)
-      << file << " does not describe what the reader reads";
-}
-
-void expect_schema(const fs::path& file, const TableSpec& root, const std::string& title) {
-  const std::string expected = json_schema(root, title);
-  if (writing()) std::ofstream(file, std::ios::binary) << expected;
-  EXPECT_EQ(text_of(file), expected) << file;
-}
-
-TEST(Reference, OfARigFileIsWhatTheReaderReads) {
-  TableSpec root = rig_description();
-  for (const TableSpec& table : session_tables())
-    std::erase_if(root.tables, [&](const TableSpec& t) { return t.name == table.name; });
-  expect_documented(docs / "rig_file.md", "rig keys", root);
-}
-TEST(Reference, OfASessionFileIsWhatTheReaderReads) {
-  TableSpec root;
-  root.tables = session_tables();
-  expect_documented(docs / "rig_file.md", "session keys", root);
-}
-TEST(Reference, OfAControllerProfileIsWhatTheReaderReads) {
-  expect_documented(docs / "controller_profile.md", "profile keys", profile_description());
-}
-TEST(Reference, AsJsonSchemasIsWhatTheReaderReads) {
-  expect_schema(docs / "rig.schema.json", rig_description(), "lightrig rig file");
-  expect_schema(docs / "session.schema.json", session_description(), "lightrig session file");
-  expect_schema(docs / "controller.schema.json", profile_description(),
-                "lightrig controller profile");
+TEST(Reference, InDocumentsAndSchemasIsWhatTheReaderReads) {
+  for (const auto& [file, text] : test::generated_documents())
+    EXPECT_TRUE(test::bytes_of(file) == text)
+        << file << " does not describe what the reader reads: run write_generated";
 }
 
 using TableVisitor = std::function<void(const TableSpec&)>;

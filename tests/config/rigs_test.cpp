@@ -93,6 +93,26 @@ TEST_F(Edited, AnAxisThatTheKinematicsDoNotHaveIsRefused) {
               HasSubstr("has no axis \"pan\""));
 }
 
+// demo.toml's neighbour: the profile's only output dims, so one is made that does not.
+TEST_F(Edited, PowersBesideAnOutputThatOnlySwitchesAreRefused) {
+  const auto profile = read_profile(folder / "../controllers/generic.toml");
+  ASSERT_TRUE(profile.value);
+  std::string text = profile.text;
+  text.replace(text.find("dimmable = true"), 15, "dimmable = false");
+  const ScratchFolder scratch;
+  const std::string named = scratch.write("switch.toml", text).string();
+  std::ifstream in(folder / "dome_mono.toml");
+  std::string rig{std::istreambuf_iterator<char>(in), {}};
+  const auto at = rig.find("profile = \"");
+  rig.replace(at, rig.find('\n', at) - at, "profile = \"" + named + "\"");
+  EXPECT_TRUE(read_rig_text(rig, folder / "edited.toml").value) << "full power needs no dimming";
+  rig.replace(rig.find("\npower = 1.0"), 12, "\npower = 0.5");
+  const auto read = read_rig_text(rig, folder / "edited.toml");
+  EXPECT_FALSE(read.value);
+  EXPECT_THAT(to_text(read.diagnostics),
+              HasSubstr("lamp.power is 0.5, but output \"lamp\" of profile generic Modbus drive"));
+}
+
 TEST_F(Edited, WhatDoesNotGoTogetherIsRefused) {
   EXPECT_THAT(problem("turntable_mono", "rule = \"grid\"\nsteps = [36]", "count = 100"),
               HasSubstr("a turntable's candidates need rule \"grid\""));
