@@ -3,11 +3,14 @@
 #include <fmt/format.h>
 #include <libusb-1.0/libusb.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <thread>
 #include <utility>
 #include <vector>
+
+#include "drivers/write_within.h"
 
 namespace lightrig {
 namespace {
@@ -136,6 +139,8 @@ Result<void> CdcAcm::find(const UsbEndpoint& endpoint) {
   }
   libusb_free_device_list(list, 1);
   if (alike == 1) return {};
+  // Of several none is the one: it may be asked for again, and is not to stay open meanwhile.
+  if (handle_) libusb_close(std::exchange(handle_, nullptr));
   if (alike > 1)
     return fail(ErrorCode::refused,
                 fmt::format("{} is there {} times (serials {}): name one by serial in the rig file",
@@ -241,18 +246,18 @@ Result<std::string> CdcAcm::read_some(std::chrono::milliseconds patience) {
 }
 
 Result<void> CdcAcm::write_all(std::string_view bytes, std::chrono::milliseconds patience) {
-  const auto timeout = static_cast<unsigned>(std::max<long>(1, patience.count()));
-  while (!bytes.empty()) {
-    std::string chunk(bytes);
-    int sent = 0;
-    const int error =
-        libusb_bulk_transfer(handle_, bulk_out_, reinterpret_cast<unsigned char*>(chunk.data()),
-                             static_cast<int>(chunk.size()), &sent, timeout);
-    bytes.remove_prefix(static_cast<std::size_t>(sent));
-    if (error == LIBUSB_ERROR_PIPE) clear_halt(bulk_out_);
-    if (error != 0) return usb_fail(name_ + ": write", error);
-  }
-  return {};
+  return write_within(
+      bytes, patience, name_,
+      [this](std::string_view rest, std::chrono::milliseconds left) -> Result<std::size_t> {
+        std::string chunk(rest);
+        int sent = 0;
+        const int error = libusb_bulk_transfer(
+            handle_, bulk_out_, reinterpret_cast<unsigned char*>(chunk.data()),
+            static_cast<int>(chunk.size()), &sent, static_cast<unsigned>(left.count()));
+        if (error == LIBUSB_ERROR_PIPE) clear_halt(bulk_out_);
+        if (error != 0) return usb_fail(name_ + ": write", error);
+        return static_cast<std::size_t>(sent);
+      });
 }
 
 }  // namespace lightrig

@@ -21,8 +21,6 @@ constexpr double unknown_position = std::numeric_limits<double>::quiet_NaN();
 /// starts a move within one.
 constexpr int idle_polls_before_start = 5;
 
-std::size_t machine_axis(char letter) { return std::string_view("XYZABC").find(letter); }
-
 /// Letters of a status report's Pn field, by the input names that a rig file's interlocks use.
 char pin_of(const std::string& input) {
   if (input == "door") return 'D';
@@ -56,10 +54,9 @@ void GrblGantryDevice::tell_to_stop() {
 GantryPosition GrblGantryDevice::position_of(const grbl::StatusReport& report) const {
   GantryPosition position{zero_};
   for (std::size_t i = 0; i < backend_.letters.size(); ++i) {
-    const std::size_t axis = machine_axis(backend_.letters[i]);
+    const std::size_t axis = grbl::machine_axis(backend_.letters[i]);  // the link has seen to it
     const auto row = static_cast<Eigen::Index>(i);
-    if (axis < report.machine_position->size())
-      position.axes[row] += (*report.machine_position)[axis] / backend_.units_per_si[i];
+    position.axes[row] += report.machine_position->at(axis) / backend_.units_per_si[i];
   }
   return position;
 }

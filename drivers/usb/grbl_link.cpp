@@ -39,7 +39,9 @@ Result<GrblLink> GrblLink::open(const GrblGantry& backend, Clock& clock, const U
       },
       backend.endpoint);
   if (!wire) return tl::unexpected(wire.error());
-  GrblLink link(std::move(*wire), clock);
+  std::size_t axes = 0;
+  for (const char letter : backend.letters) axes = std::max(axes, grbl::machine_axis(letter) + 1);
+  GrblLink link(std::move(*wire), axes, clock);
   if (auto reset = link.reset(until); !reset)
     return tl::unexpected(with_context("wait for GRBL's banner after a reset", reset.error()));
   return link;
@@ -178,10 +180,11 @@ Result<grbl::StatusReport> GrblLink::status(const Until& until) {
   if (mute()) return halted();
   report_owed_ = true;
   if (auto sent = realtime('?'); !sent) return tl::unexpected(sent.error());
+  std::string silence = "no status report in time";
   for (;;) {
     auto line = next_line(until);
     if (!line) return tl::unexpected(line.error());
-    if (!*line) return fail(ErrorCode::timed_out, "no status report in time");
+    if (!*line) return fail(ErrorCode::timed_out, silence);
     if (mute()) return halted();
     if ((*line)->kind == grbl::Line::Kind::banner)
       return fail(ErrorCode::disconnected, "the controller restarted");
@@ -194,6 +197,13 @@ Result<grbl::StatusReport> GrblLink::status(const Until& until) {
       report->machine_position = report->work_position;
       for (std::size_t i = 0; i < work_offset_.size(); ++i)
         (*report->machine_position)[i] += work_offset_[i];
+    }
+    if (report->machine_position && report->machine_position->size() < axes_) {
+      silence = fmt::format(
+          "the controller reports {} axes, the rig file's letters need {}: \"{}\"; check the "
+          "letters, and the cable",
+          report->machine_position->size(), axes_, (*line)->text);
+      continue;  // an axis that is missing is not at zero
     }
     if (report->machine_position) {
       report_owed_ = false;

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "drivers/devices.h"
+#include "drivers/grbl_protocol.h"
 #include "drivers/usb/cdc_acm.h"
-#include "drivers/usb/grbl_protocol.h"
 #include "drivers/usb/serial_port.h"
 
 namespace lightrig {
@@ -29,7 +29,8 @@ class GrblLink {
   Result<void> home(const Until& until);
   /// A real-time byte: never acknowledged, never queued.
   Result<void> realtime(char byte);
-  /// Asks for a status report and waits for it; the machine position is always filled in.
+  /// Asks for a status report and waits for it; the machine position is always filled in, for every
+  /// axis that the rig file names. A report with fewer numbers is damaged, and no report.
   Result<grbl::StatusReport> status(const Until& until);
   /// Soft reset; every pending ok is void. Waits for the banner.
   Result<void> reset(const Until& until);
@@ -48,7 +49,8 @@ class GrblLink {
 
  private:
   using Wire = std::variant<CdcAcm, SerialPort>;
-  GrblLink(Wire wire, Clock& clock) : wire_(std::move(wire)), clock_(&clock) {}
+  GrblLink(Wire wire, std::size_t axes, Clock& clock)
+      : wire_(std::move(wire)), axes_(axes), clock_(&clock) {}
   Result<std::optional<grbl::Line>> next_line(const Until& until);
   Result<void> forget_what_came(std::chrono::milliseconds quiet);
   Result<void> send(std::string_view bytes);
@@ -58,6 +60,7 @@ class GrblLink {
   void heed_alarm(int number);
 
   Wire wire_;
+  std::size_t axes_;  ///< numbers that a position must have
   Clock* clock_;
   grbl::LineAssembler lines_;
   std::vector<double> work_offset_;

@@ -1,6 +1,8 @@
 // Opening a GRBL gantry: what the controller is set to must not be more than the rig file allows.
 #include <fmt/format.h>
 
+#include <map>
+
 #include "drivers/backends.h"
 #include "drivers/usb/grbl_gantry.h"
 
@@ -22,7 +24,7 @@ Result<void> check_settings(const Rig& rig, const GrblGantry& backend,
   if (setting(13) != 0)
     return fail(ErrorCode::refused, "the controller reports inches ($13=1): set $13=0");
   for (std::size_t i = 0; i < backend.letters.size(); ++i) {
-    const int axis = static_cast<int>(std::string_view("XYZABC").find(backend.letters[i]));
+    const int axis = static_cast<int>(grbl::machine_axis(backend.letters[i]));
     const double allowed = rig.gantry.model.axes[i].max_acceleration * backend.units_per_si[i];
     if (setting(120 + axis) > allowed * 1.001)
       return fail(

@@ -148,6 +148,19 @@ TEST_F(GrblWire, ALimitIsSaidAtOnceAndUntilItIsCleared) {
   EXPECT_EQ(opened->gantry->status(soon(2s))->alarm, "");
 }
 
+// The far end reports X, Y and Z; a fourth axis that is not there is not at zero.
+TEST_F(GrblWire, AReportThatLacksAnAxisOfTheRigFileIsNotBelieved) {
+  backend_.letters = {'X', 'A'};
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  const auto status = opened->gantry->status(soon(300ms));
+  ASSERT_FALSE(status);
+  EXPECT_EQ(status.error().code, ErrorCode::timed_out);
+  EXPECT_NE(status.error().message.find("reports 3 axes, the rig file's letters need 4"),
+            std::string::npos)
+      << status.error().message;
+}
+
 TEST_F(GrblWire, AControllerFasterThanTheRigAllowsIsRefusedWithTheSettingToChange) {
   rig_.gantry.model.axes[1].max_acceleration /= 10;
   const auto opened = open();

@@ -1,7 +1,8 @@
-#include "drivers/usb/grbl_protocol.h"
+#include "drivers/grbl_protocol.h"
 
+#include <algorithm>
 #include <charconv>
-#include <cstdlib>
+#include <cmath>
 
 namespace lightrig::grbl {
 namespace {
@@ -16,8 +17,18 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
   return parts;
 }
 
+// GRBL writes plain decimals; "nan", "inf" and exponents are damage, whatever they parse to.
 std::optional<double> number(std::string_view text) {
   double value = 0;
+  const auto [end, error] =
+      std::from_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed);
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value))
+    return std::nullopt;
+  return value;
+}
+
+std::optional<int> whole_number(std::string_view text) {
+  int value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
   return value;
@@ -41,8 +52,11 @@ std::optional<StatusReport> parse_status(std::string_view line) {
   StatusReport report;
   const auto state = split(fields[0], ':');
   report.state = std::string(state[0]);
-  if (state.size() > 1)
-    if (const auto substate = number(state[1])) report.substate = static_cast<int>(*substate);
+  if (state.size() > 1) {
+    const auto substate = whole_number(state[1]);
+    if (!substate) return std::nullopt;  // it tells rest from motion
+    report.substate = *substate;
+  }
   for (std::size_t i = 1; i < fields.size(); ++i) {
     const std::size_t colon = fields[i].find(':');
     if (colon == std::string_view::npos) return std::nullopt;
@@ -69,21 +83,21 @@ Line parse_line(std::string_view line) {
     parsed.kind = Line::Kind::ok;
   } else if (line.starts_with("error:")) {
     parsed.kind = Line::Kind::error;
-    parsed.number = std::atoi(parsed.text.c_str() + 6);
+    parsed.number = whole_number(line.substr(6)).value_or(unreadable_number);
   } else if (line.starts_with("ALARM:")) {
     parsed.kind = Line::Kind::alarm;
-    parsed.number = std::atoi(parsed.text.c_str() + 6);
+    parsed.number = whole_number(line.substr(6)).value_or(unreadable_number);
   } else if (line.starts_with('<')) {
     parsed.kind = Line::Kind::status;
   } else if (line.starts_with("Grbl ") || line.starts_with("GrblHAL ")) {
     parsed.kind = Line::Kind::banner;
   } else if (line.starts_with('$') && line.find('=') != std::string_view::npos) {
     const std::size_t equals = line.find('=');
-    const auto key = number(line.substr(1, equals - 1));
+    const auto key = whole_number(line.substr(1, equals - 1));
     const auto value = number(line.substr(equals + 1));
     if (key && value) {
       parsed.kind = Line::Kind::setting;
-      parsed.number = static_cast<int>(*key);
+      parsed.number = *key;
       parsed.value = *value;
     }
   } else if (line.starts_with('[')) {

@@ -1,7 +1,6 @@
 #pragma once
 
-#include <array>
-#include <map>
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -10,6 +9,9 @@
 namespace lightrig::grbl {
 
 /// The words of GRBL 1.1 and grblHAL [Grbl v1.1 Interface], without any wire.
+
+/// Where a letter's axis stands in a position: X, Y, Z, A, B, C.
+inline std::size_t machine_axis(char letter) { return std::string_view("XYZABC").find(letter); }
 
 /// A real-time status report, <State|MPos:…|…>.
 struct StatusReport {
@@ -22,12 +24,16 @@ struct StatusReport {
   std::optional<double> spindle;                     ///< second number of FS
   std::string pins;                                  ///< letters of Pn, e.g. "XD"
 };
+/// Empty for a damaged report: a number that is none, not finite, or beyond its type.
 std::optional<StatusReport> parse_status(std::string_view line);
+
+/// Of an error:N or ALARM:N whose N came damaged; what it reports has happened all the same.
+constexpr int unreadable_number = -1;
 
 /// One line from the controller, by kind.
 struct Line {
   enum class Kind { ok, error, alarm, status, banner, setting, message, other } kind = Kind::other;
-  int number = 0;    ///< of error:N, ALARM:N, $N=
+  int number = 0;    ///< of error:N, ALARM:N (else unreadable_number), $N=
   double value = 0;  ///< of a setting
   std::string text;  ///< the line
 };
