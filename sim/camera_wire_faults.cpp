@@ -59,6 +59,16 @@ void CameraWireFaults::number_anew_from_every_start() {
   numbers_anew_ = true;
 }
 
+void CameraWireFaults::hold_gamma() {
+  const std::lock_guard lock(mutex_);
+  holds_gamma_ = true;
+}
+
+bool CameraWireFaults::holds_gamma() const {
+  const std::lock_guard lock(mutex_);
+  return holds_gamma_;
+}
+
 bool CameraWireFaults::numbers_anew() const {
   const std::lock_guard lock(mutex_);
   return numbers_anew_;

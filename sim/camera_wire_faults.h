@@ -54,6 +54,10 @@ class CameraWireFaults {
   void number_anew_from_every_start();
   bool numbers_anew() const;
 
+  /// From now on gamma once switched on stays on, and every write to it is answered well.
+  void hold_gamma();
+  bool holds_gamma() const;
+
   /// The camera begins a frame: what strikes it.
   std::vector<CameraFault> begin_frame();
   /// Whether the packet now being sent is lost on its way.
@@ -70,7 +74,7 @@ class CameraWireFaults {
   std::vector<CameraFault> struck_;
   std::uint64_t frames_ = 0, packets_ = 0, packets_lost_ = 0;
   double share_ = 0;
-  bool resend_ = true, numbers_anew_ = false;
+  bool resend_ = true, numbers_anew_ = false, holds_gamma_ = false;
   std::uint64_t seed_ = 1;
 };
 

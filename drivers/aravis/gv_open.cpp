@@ -45,6 +45,28 @@ Result<void> set_text(ArvCamera* camera, const std::string& feature, const std::
   return {};
 }
 
+/// Switches a boolean feature off and reads it back; one that is off already is not written, since
+/// a model may have locked it so.
+Result<void> set_off(ArvCamera* camera, const std::string& feature) {
+  const auto is_on = [&](GError** error) {
+    return arv_camera_get_boolean(camera, feature.c_str(), error) != FALSE;
+  };
+  GError* error = nullptr;
+  const bool was_on = is_on(&error);
+  if (!error && !was_on) return {};
+  g_clear_error(&error);
+  arv_camera_set_boolean(camera, feature.c_str(), FALSE, &error);
+  if (error) return gv_fail(fmt::format("switch {} off", feature), error);
+  const bool still_on = is_on(&error);
+  if (error) return gv_fail(fmt::format("read {} back", feature), error);
+  if (still_on)
+    return fail(ErrorCode::refused,
+                fmt::format("{} was switched off, but the camera says that it is on: its counts "
+                            "would not be linear in light; set its gamma to 1 and lock it off",
+                            feature));
+  return {};
+}
+
 /// Whether the camera's words are what was asked for: the same text, or the same number to within
 /// the camera's own steps.
 bool same_value(const std::string& asked, const std::string& said) {
@@ -182,7 +204,7 @@ Result<void> GvSession::configure_fixed_settings() {
     if (auto set = set_text(camera_.get(), automatic, "Off"); !set) return set;
   }
   if (has_feature(camera_.get(), "GammaEnable"))
-    arv_camera_set_boolean(camera_.get(), "GammaEnable", FALSE, nullptr);
+    if (auto set = set_off(camera_.get(), "GammaEnable"); !set) return set;
   if (has_entry(camera_.get(), "ExposureMode", "Timed"))
     if (auto set = set_text(camera_.get(), "ExposureMode", "Timed"); !set) return set;
   GError* error = nullptr;

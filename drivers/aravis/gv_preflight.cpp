@@ -1,11 +1,14 @@
 #include "drivers/aravis/gv_preflight.h"
 
 #include <fmt/format.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <cstdint>
 #include <fstream>
-#include <optional>
 #include <string>
+#include <system_error>
 
 #include "drivers/aravis/gv_error.h"
 
@@ -14,13 +17,22 @@ namespace {
 
 constexpr int cap_net_raw = 13;  // <linux/capability.h>
 
-/// The kernel's ceiling on UDP receive buffers; a smaller one silently cuts ours and loses whole
-/// frames.
-std::optional<long> kernel_receive_limit() {
-  std::ifstream in("/proc/sys/net/core/rmem_max");
-  long limit = 0;
-  if (in >> limit) return limit;
-  return std::nullopt;
+/// What the kernel makes of a UDP receive buffer of so many bytes: its ceiling cuts one silently,
+/// and then whole frames are lost. Asked of a socket, since /proc/sys may be hidden from a service,
+/// and holds the numbers of another network than the process'.
+Result<int> granted_receive_buffer(int wanted) {
+  const int probe = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  int granted = 0;
+  socklen_t size = sizeof granted;
+  const bool asked = probe >= 0 &&
+                     setsockopt(probe, SOL_SOCKET, SO_RCVBUF, &wanted, sizeof wanted) == 0 &&
+                     getsockopt(probe, SOL_SOCKET, SO_RCVBUF, &granted, &size) == 0;
+  const int why = errno;
+  if (probe >= 0) close(probe);
+  if (!asked)
+    return fail(ErrorCode::refused,
+                "ask for a UDP receive buffer: " + std::system_category().message(why));
+  return granted / 2;  // the kernel doubles what it grants, for its own bookkeeping [socket(7)]
 }
 
 bool may_open_packet_sockets() {
@@ -45,13 +57,14 @@ Result<void> check_receiving(const AravisCamera& backend) {
                 "AmbientCapabilities=CAP_NET_RAW into the unit of lightrigd (or `setcap "
                 "cap_net_raw+ep` on the program), or set packet_socket = false");
   }
-  const auto limit = kernel_receive_limit();
-  if (!limit || *limit >= backend.socket_buffer_bytes) return {};
+  const auto granted = granted_receive_buffer(backend.socket_buffer_bytes);
+  if (!granted) return tl::unexpected(granted.error());
+  if (*granted >= backend.socket_buffer_bytes) return {};
   return fail(ErrorCode::refused,
               fmt::format("the kernel allows UDP receive buffers of {} bytes, the rig file asks "
                           "for {}: frames would be lost; run `sysctl -w net.core.rmem_max={}`, or "
                           "set packet_socket = true and give lightrigd CAP_NET_RAW",
-                          *limit, backend.socket_buffer_bytes, backend.socket_buffer_bytes));
+                          *granted, backend.socket_buffer_bytes, backend.socket_buffer_bytes));
 }
 
 Result<void> choose_packet_size(ArvCamera* camera, const AravisCamera& backend) {

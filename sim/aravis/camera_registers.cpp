@@ -40,6 +40,7 @@ constexpr std::uint32_t writable[] = {
     reg_frame_rate_enable,
     reg_device_reset,
     reg_chunk_mode,
+    reg_gamma_enable,
     reg_chunk_enable,
     reg_chunk_enable + 4,
     reg_chunk_enable + 8,
@@ -168,6 +169,7 @@ GvStatus CameraRegisters::accept_word(std::uint32_t address, std::uint32_t value
     case reg_trigger_mode:
     case reg_frame_rate_enable:
     case reg_chunk_mode:
+    case reg_gamma_enable:
       return allow(value <= 1);
     default:
       return GvStatus::ok;

@@ -54,6 +54,7 @@ enum Register : std::uint32_t {
   reg_frame_rate_enable = 0xa030,
   reg_device_reset = 0xa034,
   reg_chunk_mode = 0xa038,
+  reg_gamma_enable = 0xa03c,
   reg_chunk_enable = 0xa040,   ///< one word per chunk, in the order of Chunk
   reg_exposure_time = 0xa080,  ///< [us], double
   reg_gain = 0xa088,           ///< [dB], double

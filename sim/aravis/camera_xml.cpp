@@ -240,7 +240,8 @@ std::string camera_xml(const CameraBody& body) {
   xml += category("Root", {"DeviceControl", "ImageFormatControl", "AcquisitionControl",
                            "AnalogControl", "ChunkDataControl", "TransportLayerControl"});
   xml += device_control() + image_format_control(body) + acquisition_control(body);
-  xml += category("AnalogControl", {"Gain"}) + number("Gain", reg_gain, "dB", 0, most_gain);
+  xml += category("AnalogControl", {"Gain", "GammaEnable"}) +
+         number("Gain", reg_gain, "dB", 0, most_gain) + boolean("GammaEnable", reg_gamma_enable);
   xml += chunk_control() + transport_control();
   xml += "<Port Name=\"Device\" NameSpace=\"Standard\"></Port>\n</RegisterDescription>\n";
   while (xml.size() % 4 != 0) xml += '\n';  // memory is read by the word

@@ -214,6 +214,8 @@ GvStatus GvCamera::write(std::uint32_t address, std::span<const std::uint8_t> by
     return write_privilege(word_at(bytes, 0), from);
   if (controller_ != from) return GvStatus::access_denied;
   const std::uint32_t value = bytes.size() >= 4 ? word_at(bytes, 0) : 0;
+  const bool held = address == reg_gamma_enable && registers_.word(address) == 1;
+  if (held && faults_->holds_gamma()) return GvStatus::ok;
   const GvStatus status = registers_.write(address, bytes);
   if (status == GvStatus::ok) act_on(address, value);
   return status;

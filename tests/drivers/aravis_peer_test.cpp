@@ -2,13 +2,14 @@
 // GVCP and GVSP.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
-#include <fstream>
 #include <set>
 #include <thread>
 
 #include "drivers/backends.h"
 #include "tests/drivers/child_process.h"
+#include "tests/drivers/gv_camera_rig.h"
 #include "tests/drivers/own_network.h"
 
 namespace lightrig {
@@ -32,7 +33,7 @@ class AravisPeer : public testing::Test {
     backend_.id = "127.0.0.1";
     // The peer sends a frame of 256 KiB in one burst: with a smaller kernel ceiling every frame
     // would lose packets.
-    std::ifstream("/proc/sys/net/core/rmem_max") >> backend_.socket_buffer_bytes;
+    backend_.socket_buffer_bytes = std::min(test::receive_ceiling(), backend_.socket_buffer_bytes);
     if (backend_.socket_buffer_bytes < 1 << 20)
       GTEST_SKIP() << "net.core.rmem_max is only " << backend_.socket_buffer_bytes;
   }

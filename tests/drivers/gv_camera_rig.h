@@ -2,8 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
-#include <fstream>
+#include <cmath>
 #include <memory>
 #include <string>
 
@@ -16,11 +17,17 @@
 
 namespace lightrig::test {
 
-/// The kernel's ceiling on UDP receive buffers: a rig file that asks for more is refused.
+/// The kernel's ceiling on UDP receive buffers: a rig file that asks for more is refused. What it
+/// grants is half of what it says [socket(7)].
 inline int receive_ceiling() {
-  int bytes = 0;
-  std::ifstream("/proc/sys/net/core/rmem_max") >> bytes;
-  return bytes;
+  const int probe = socket(AF_INET, SOCK_DGRAM, 0);
+  const int more_than_any = 1 << 29;
+  int granted = 0;
+  socklen_t size = sizeof granted;
+  setsockopt(probe, SOL_SOCKET, SO_RCVBUF, &more_than_any, sizeof more_than_any);
+  getsockopt(probe, SOL_SOCKET, SO_RCVBUF, &granted, &size);
+  close(probe);
+  return granted / 2;
 }
 
 /// The small laboratory whose camera is reached by GigE Vision.

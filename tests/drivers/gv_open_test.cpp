@@ -1,10 +1,12 @@
 // What our camera driver does before the first frame: settings written and read back, the network
 // looked at, and what it says when something is wrong.
 #include <gtest/gtest.h>
-#include <sys/prctl.h>
-
 #include <linux/capability.h>
+#include <sys/mount.h>
+#include <sys/prctl.h>
 #include <sys/syscall.h>
+
+#include <filesystem>
 
 #include "tests/drivers/gv_camera_rig.h"
 
@@ -54,6 +56,28 @@ TEST_F(GvOpen, ExposuresThatTheCameraCannotTakeAreRefusedAtOpening) {
 TEST_F(GvOpen, AReceiveBufferThatTheKernelWouldCutIsRefusedWithTheCommand) {
   backend().socket_buffer_bytes = test::receive_ceiling() + 4096;
   expect_failure(ErrorCode::refused, {"sysctl -w net.core.rmem_max="});
+}
+
+// As in a service whose unit says ProcSubset=pid.
+TEST_F(GvOpen, TheKernelsCutIsSeenWhereProcSysIsHidden) {
+  ASSERT_EQ(unshare(CLONE_NEWNS), 0) << std::strerror(errno);
+  ASSERT_EQ(mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0) << std::strerror(errno);
+  ASSERT_EQ(mount("none", "/proc/sys", "tmpfs", 0, nullptr), 0) << std::strerror(errno);
+  ASSERT_FALSE(std::filesystem::exists("/proc/sys/net"));
+  backend().socket_buffer_bytes = test::receive_ceiling() + 4096;
+  expect_failure(ErrorCode::refused, {"sysctl -w net.core.rmem_max="});
+  EXPECT_EQ(umount("/proc/sys"), 0);
+}
+
+// A curve between light and counts would be taken for the material's.
+TEST_F(GvOpen, GammaIsSwitchedOffAndACameraThatKeepsItOnIsRefused) {
+  backend().features = {{"GammaEnable", "true"}};
+  {
+    const auto camera = open();
+    EXPECT_TRUE(camera) << camera.error().message;
+  }
+  faults_->hold_gamma();
+  expect_failure(ErrorCode::refused, {"GammaEnable was switched off, but the camera says"});
 }
 
 TEST_F(GvOpen, APacketSizeThatTheNetworkDoesNotCarryIsRefusedWithTheCommand) {
