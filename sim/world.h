@@ -119,6 +119,9 @@ class World {
   bool homed_at(TimePoint time) const;
   void gantry_commanded();
   TimePoint seek_home();
+  // With mutex_ held: what else has to hold at the same moment is looked at under the same lock.
+  Result<TimePoint> start_move_locked(const GantryPosition& to);
+  void halt_locked();
   LightPosition true_light(const GantryMotionState& motion) const;
   const Renderer& renderer_at(double turn);
   std::vector<std::uint64_t> position_words(const GantryPosition& drives) const;

@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <barrier>
 #include <cmath>
+#include <thread>
 
 #include "tests/sim/lab_rig.h"
 
@@ -229,6 +231,55 @@ TEST(World, AHalvedExposureHalvesTheSignal) {
   const double whole = total(shoot(lab, 0.08)) - black, half = total(shoot(lab, 0.04)) - black;
   EXPECT_GT(half, 10000);
   EXPECT_NEAR(half / whole, 0.5, 0.01);
+}
+
+// On a clock that stands still nothing gets going between a command and a halt: whatever moves
+// afterwards was let through while the door was already being opened.
+TEST(World, NoMoveSlipsBetweenTheHaltAndTheOpenDoorOrTheAlarm) {
+  Lab lab(lab_rig());
+  ASSERT_TRUE(lab.devices.gantry->home(lab.within(60)));
+  World& world = *lab.world;
+  std::jthread driver([&](const std::stop_token& stop) {
+    while (!stop.stop_requested()) static_cast<void>(world.start_move(dome_position(1, 1)));
+  });
+  int slipped = 0;
+  for (int i = 0; i < 3000; ++i) {
+    if (i % 2 == 0)
+      world.set_interlock("door", true);
+    else
+      world.raise_alarm("overload");
+    slipped += world.gantry_status().at_rest ? 0 : 1;
+    world.set_interlock("door", false);
+    ASSERT_TRUE(world.clear_fault());
+  }
+  EXPECT_EQ(slipped, 0);
+}
+
+TEST(World, DrivesCommandedAtTheSameMomentBothGoWhereTheyWereSent) {
+  Lab lab(lab_rig());
+  ASSERT_TRUE(lab.devices.gantry->home(lab.within(60)));
+  int lost = 0;
+  for (int i = 0; i < 300; ++i) {
+    const double azimuth = i % 2 == 0 ? 0.5 : -0.5, elevation = i % 2 == 0 ? 1.0 : 0.5;
+    std::barrier together(2);
+    std::jthread other([&] {
+      together.arrive_and_wait();
+      static_cast<void>(lab.world->start_axis_move(1, elevation));
+    });
+    together.arrive_and_wait();
+    ASSERT_TRUE(lab.world->start_axis_move(0, azimuth));
+    other.join();
+    lab.wait(20);
+    const AxisValues at = lab.world->gantry_status().position.axes;
+    lost += std::abs(at[0] - azimuth) > 1e-9 || std::abs(at[1] - elevation) > 1e-9 ? 1 : 0;
+  }
+  EXPECT_EQ(lost, 0);
+}
+
+TEST(World, ARigWithoutSimulationIsABrokenPromiseAndNotALookAtNothing) {
+  Rig rig = lab_rig();
+  rig.simulation.reset();
+  EXPECT_DEATH(Lab lab(rig), "simulation");
 }
 
 }  // namespace
