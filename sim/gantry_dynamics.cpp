@@ -1,5 +1,6 @@
 #include "sim/gantry_dynamics.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <utility>

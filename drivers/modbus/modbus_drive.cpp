@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "config/register_value.h"
+
 namespace lightrig {
 namespace {
 
@@ -48,17 +50,11 @@ Result<std::vector<std::uint16_t>> encode(const RegisterItem& item, double value
 }
 
 std::int64_t decode_raw(const RegisterItem& item, const std::vector<std::uint16_t>& registers) {
-  if (item.registers() == 1)
-    return item.type == RawType::s16 ? static_cast<std::int16_t>(registers[0]) : registers[0];
-  const bool high_first = item.order == WordOrder::high_first;
-  const std::uint32_t bits =
-      (std::uint32_t{registers[high_first ? 0 : 1]} << 16) | registers[high_first ? 1 : 0];
-  if (item.type == RawType::s32) return static_cast<std::int32_t>(bits);
-  return bits;
+  return raw_of(item, registers.front(), registers.back());
 }
 
 double decode(const RegisterItem& item, const std::vector<std::uint16_t>& registers) {
-  return (static_cast<double>(decode_raw(item, registers)) - item.offset) / item.scale;
+  return value_of_raw(item, decode_raw(item, registers));
 }
 
 void ModbusDriveDevice::keep_gap(const Until& until) {

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "config/register_value.h"
+
 namespace lightrig::sim {
 namespace {
 
@@ -60,12 +62,8 @@ bool DriveRegisters::carries_lamp() const {
 void DriveRegisters::tick() {
   if (!profile_.watchdog) return;
   const RegisterItem& item = profile_.watchdog->item;
-  std::uint32_t raw = stored(item, 0);
-  if (item.registers() == 2) {
-    const int high = item.order == WordOrder::high_first ? 0 : 1;
-    raw = (std::uint32_t{stored(item, high)} << 16) | stored(item, 1 - high);
-  }
-  const double seconds = (raw - item.offset) / item.scale;
+  const std::int64_t raw = raw_of(item, stored(item, 0), stored(item, 1));
+  const double seconds = value_of_raw(item, raw);
   if (raw == 0 || !(seconds > 0)) return;
   const double silent = std::chrono::duration<double>(world_->clock().now() - heard_).count();
   if (silent < seconds || !world_->gantry_status().alarm.empty()) return;
@@ -222,16 +220,7 @@ std::optional<ModbusException> DriveRegisters::start_move() {
   for (const ProfileWrite& write : profile_.move.writes) {
     if (write.quantity != Quantity::position) continue;
     const RegisterItem& item = write.item;
-    std::int64_t raw = 0;
-    if (item.registers() == 1) {
-      raw =
-          item.type == RawType::s16 ? static_cast<std::int16_t>(stored(item, 0)) : stored(item, 0);
-    } else {
-      const int high = item.order == WordOrder::high_first ? 0 : 1;
-      const std::uint32_t bits = (std::uint32_t{stored(item, high)} << 16) | stored(item, 1 - high);
-      raw = item.type == RawType::s32 ? static_cast<std::int32_t>(bits) : std::int64_t{bits};
-    }
-    const double counts = (static_cast<double>(raw) - item.offset) / item.scale;
+    const double counts = value_of_raw(item, raw_of(item, stored(item, 0), stored(item, 1)));
     if (!world_->start_axis_move(axis_, config_.zero + counts / config_.counts_per_si))
       return ModbusException::device_failure;
   }

@@ -1,21 +1,17 @@
 #include "sim/modbus/modbus_server.h"
 
 #include <arpa/inet.h>
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
-#include <pty.h>
 #include <sys/socket.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <filesystem>
 
 #include "sim/modbus/spoiled_answer.h"
 
@@ -60,7 +56,7 @@ ModbusServer::~ModbusServer() {
   }
   for (const Client& client : clients_) close(client.descriptor);
   if (listener_ >= 0) close(listener_);
-  close_pty();
+  pty_.close();
 }
 
 Result<void> ModbusServer::listen(const TcpEndpoint& endpoint) {
@@ -85,32 +81,10 @@ Result<void> ModbusServer::listen(const TcpEndpoint& endpoint) {
 }
 
 Result<void> ModbusServer::open_pty(const SerialEndpoint& endpoint) {
-  std::array<char, 128> name{};
-  termios raw{};
-  cfmakeraw(&raw);
-  if (openpty(&master_, &slave_, name.data(), &raw, nullptr) != 0) return refused("open a pty");
-  fcntl(master_, F_SETFL, O_NONBLOCK);
-  address_ = name.data();
-  if (endpoint.device.empty()) return {};
-  std::error_code error;
-  if (std::filesystem::is_symlink(endpoint.device, error))
-    std::filesystem::remove(endpoint.device, error);
-  std::filesystem::create_symlink(address_, endpoint.device, error);
-  if (error)
-    return fail(ErrorCode::refused, fmt::format("link {} to the pty {}: {}", endpoint.device,
-                                                address_, error.message()));
-  link_ = endpoint.device;
+  auto name = pty_.open(endpoint.device);
+  if (!name) return tl::unexpected(name.error());
+  address_ = *name;
   return {};
-}
-
-void ModbusServer::close_pty() {
-  for (int* descriptor : {&master_, &slave_}) {
-    if (*descriptor >= 0) close(*descriptor);
-    *descriptor = -1;
-  }
-  std::error_code ignored;
-  if (!link_.empty()) std::filesystem::remove(link_, ignored);
-  link_.clear();
 }
 
 Bytes ModbusServer::framed(const Bytes& head, const Bytes& pdu) const {
@@ -188,7 +162,8 @@ void ModbusServer::drop(std::uint64_t number) {
 
 void ModbusServer::transmit(const Outgoing& outgoing) {
   if (outgoing.client == 0) {
-    if (master_ >= 0 && write(master_, outgoing.bytes.data(), outgoing.bytes.size()) < 0)
+    if (pty_.is_open() &&
+        write(pty_.descriptor(), outgoing.bytes.data(), outgoing.bytes.size()) < 0)
       return;  // nobody reads the pty: a serial line loses what nobody takes
     return;
   }
@@ -224,10 +199,10 @@ void ModbusServer::tick() {
   if (fault && fault->effect == WireEffect::unplug) {
     gone_until_ = now + fault->duration;
     outbox_.clear();
-    if (!is_tcp()) close_pty();
+    if (!is_tcp()) pty_.close();
     while (!clients_.empty()) drop(clients_.front().number);
   }
-  if (!is_tcp() && master_ < 0 && now >= gone_until_)
+  if (!is_tcp() && !pty_.is_open() && now >= gone_until_)
     (void)open_pty(std::get<SerialEndpoint>(endpoint_));  // else tried again at the next tick
   for (auto& [number, unit] : units_) unit->tick();
   send_due();
@@ -309,15 +284,15 @@ void ModbusServer::serve_rtu(const std::stop_token& stop) {
   Bytes pending;
   auto last_byte = steady_clock::now();
   while (!stop.stop_requested()) {
-    pollfd watch{master_, POLLIN, 0};
-    const int ready = master_ >= 0 ? poll(&watch, 1, poll_ms) : 0;
-    if (master_ < 0) std::this_thread::sleep_for(std::chrono::milliseconds(poll_ms));
+    pollfd watch{pty_.descriptor(), POLLIN, 0};
+    const int ready = pty_.is_open() ? poll(&watch, 1, poll_ms) : 0;
+    if (!pty_.is_open()) std::this_thread::sleep_for(std::chrono::milliseconds(poll_ms));
     tick();
     const auto now = steady_clock::now();
     if (!pending.empty() && now - last_byte > frame_silence) end_frame(pending);
-    if (ready <= 0 || master_ < 0) continue;
+    if (ready <= 0 || !pty_.is_open()) continue;
     std::array<std::uint8_t, 512> buffer{};
-    const ssize_t got = read(master_, buffer.data(), buffer.size());
+    const ssize_t got = read(pty_.descriptor(), buffer.data(), buffer.size());
     if (got <= 0) {
       std::this_thread::sleep_for(std::chrono::milliseconds(poll_ms));
       continue;

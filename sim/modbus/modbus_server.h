@@ -14,6 +14,7 @@
 #include "drivers/clock.h"
 #include "sim/modbus/modbus_pdu.h"
 #include "sim/modbus/modbus_unit.h"
+#include "sim/pty.h"
 #include "sim/wire_faults.h"
 
 namespace lightrig::sim {
@@ -58,7 +59,6 @@ class ModbusServer {
         wire_(wire) {}
   Result<void> listen(const TcpEndpoint& endpoint);
   Result<void> open_pty(const SerialEndpoint& endpoint);
-  void close_pty();
   void serve_tcp(const std::stop_token& stop);
   void serve_rtu(const std::stop_token& stop);
   void hear(std::uint64_t number);
@@ -80,10 +80,8 @@ class ModbusServer {
   std::shared_ptr<WireFaults> faults_;
   const Wire wire_;
   std::string address_;
-  std::string link_;   // to be removed
   int listener_ = -1;  // TCP
-  int master_ = -1;    // pty
-  int slave_ = -1;     // held open: a pty whose slave nobody holds hangs up
+  Pty pty_;
   // Below: the thread's own.
   std::vector<Client> clients_;
   std::uint64_t next_client_ = 1;
