@@ -46,9 +46,10 @@ Result<void> CaptureRun::recover(const std::string& step, Error error, RetryTall
     if (!hand_.lamp_known_dark()) (void)hand_.lamp_dark();
     if (hand_.stop_requested()) return fail(ErrorCode::stopped, error.message);
     if (error.code == ErrorCode::timed_out) {
-      // A frame that came with holes is the network's failure, and begins no ladder once that is
-      // well.
-      const auto held = pause_for_packets();
+      // A frame that came with holes is the network's failure, one without light the lamp's: once
+      // these are well, the ladder begins anew.
+      auto held = pause_for_packets();
+      if (held && !*held) held = pause_for_lamp();
       if (!held && held.error().code == ErrorCode::stopped) return tl::unexpected(held.error());
       if (held && *held) tally = {};
       if (!held) error = held.error();

@@ -10,6 +10,7 @@
 #include "daemon/session/capture_time.h"
 #include "daemon/session/device_hand.h"
 #include "daemon/session/frame_store.h"
+#include "daemon/session/light_witness.h"
 #include "daemon/session/lit_sites.h"
 #include "daemon/session/retry.h"
 #include "daemon/session/session.h"
@@ -76,8 +77,12 @@ class CaptureRun {
   // One shot.
   Result<void> approach(int index);
   Result<TakenShot> take_shot(int index);
-  Result<void> take_ambient(const TakenShot& shot);
-  Result<std::vector<double>> meter(TakenShot& shot);
+  Result<LightWitness> take_ambient(const TakenShot& shot);
+  Result<std::vector<double>> meter(TakenShot& shot, LightWitness& witness);
+  Result<void> expose_lit(int index, const std::string& name, const std::string& role,
+                          double exposure, LightWitness& witness);
+  Result<void> believe(const Frame& frame, LightWitness& witness);
+  Result<void> close_bracket(int index, LightWitness& witness);
   Result<void> still_in_place(const GantryPosition& target);
   Result<TakenFrame> take(const std::string& folder, const std::string& name,
                           const std::string& role, double exposure);
@@ -101,6 +106,7 @@ class CaptureRun {
   template <class Tell, class Look>
   Result<bool> hold(const PauseRule& rule, double reading, Tell tell, Look look);
   Result<bool> pause_for_packets();
+  Result<bool> pause_for_lamp();
   Result<void> pause_for_heat();
   Result<void> dark_look();
   Result<StoredFrame> drift_reference();
@@ -131,6 +137,8 @@ class CaptureRun {
   int rehomings_ = 0;
   int space_waits_ = 0;        ///< in a row without anything stored between
   int lights_since_look_ = 0;  ///< captured since the lamp was last looked at
+  int lamp_doubts_ = 0;        ///< in a row, that a picture raised against what the lamp says
+  std::string lamp_doubt_;     ///< the last of them
   std::optional<StoredFrame> drift_reference_;
   Error dark_problem_;  ///< why the lamp could not be switched off, if so
 };

@@ -49,22 +49,20 @@ Result<TakenShot> CaptureRun::take_shot(int index) {
   store_.drop();  // what an attempt that failed has left
   TakenShot shot;
   shot.index = index;
-  if (auto done = take_ambient(shot); !done) return failed(done.error());
+  auto witness = take_ambient(shot);
+  if (!witness) return failed(witness.error());
   say("warming the lamp for " + name_of_shot(index));
   if (auto on = hand_.lamp_on(); !on) return failed(on.error());
-  const auto exposures = meter(shot);
+  const auto exposures = meter(shot, *witness);
   if (!exposures) return failed(exposures.error());
-  const std::string folder = name_of_shot(index);
   for (std::size_t i = 0; i < exposures->size(); ++i) {
     if (auto go = checkpoint(plan.gantry); !go) return failed(go.error());
-    say(fmt::format("exposing {} {}/{}", folder, i + 1, exposures->size()));
-    auto frame = take(folder, exposure_name((*exposures)[i]), "bracket", (*exposures)[i]);
-    if (!frame) return failed(frame.error());
-    if (auto stood = still_in_place(plan.gantry); !stood) return failed(stood.error());
-    store_.add(std::move(*frame));
+    say(fmt::format("exposing {} {}/{}", name_of_shot(index), i + 1, exposures->size()));
+    auto taken =
+        expose_lit(index, exposure_name((*exposures)[i]), "bracket", (*exposures)[i], *witness);
+    if (!taken) return failed(taken.error());
   }
-  // A lamp that failed on the way would make dark frames of lit ones.
-  if (auto lit = hand_.still_lit(); !lit) return failed(lit.error());
+  if (auto closed = close_bracket(index, *witness); !closed) return failed(closed.error());
   if (auto dark = hand_.lamp_dark(); !dark) return failed(dark.error());
   const auto after = hand_.status();
   if (!after) return failed(after.error());
@@ -73,17 +71,19 @@ Result<TakenShot> CaptureRun::take_shot(int index) {
     return fail(ErrorCode::refused, "verify the position after the bracket: " + reason +
                                         "; its frames were thrown away");
   }
+  lamp_doubts_ = 0;
   shot.stood_at = after->position;
   shot.finished_at = utc_now();
   return shot;
 }
 
 /// One lamp-off frame: at the longest exposure on offer that the ambient light does not saturate.
-Result<void> CaptureRun::take_ambient(const TakenShot& shot) {
+/// What the lit frames will be held against.
+Result<LightWitness> CaptureRun::take_ambient(const TakenShot& shot) {
   const std::string folder = name_of_shot(shot.index);
   std::vector<double> offered = planned(shot.index).exposures;
   while (true) {
-    if (auto go = checkpoint(planned(shot.index).gantry); !go) return go;
+    if (auto go = checkpoint(planned(shot.index).gantry); !go) return tl::unexpected(go.error());
     say("ambient frame of " + folder);
     auto frame = take(folder, "ambient", "ambient", offered.back());
     if (!frame) return tl::unexpected(frame.error());
@@ -91,31 +91,73 @@ Result<void> CaptureRun::take_ambient(const TakenShot& shot) {
       return tl::unexpected(stood.error());
     offered.pop_back();
     if (!offered.empty() && too_long(frame->frame, t_.rig.camera.sensor)) continue;
+    LightWitness witness(t_.rig, t_.spec, t_.prepared, shot.index,
+                         lit_sites(t_.rig, t_.spec, t_.prepared, shot.index), frame->frame);
     store_.add(std::move(*frame));
-    return {};
+    return witness;
   }
 }
 
 /// The exposures still to take: all, or those that the metering frame shows to be needed. The
 /// metering frame is data too and is not taken twice.
-Result<std::vector<double>> CaptureRun::meter(TakenShot& shot) {
+Result<std::vector<double>> CaptureRun::meter(TakenShot& shot, LightWitness& witness) {
   const Shot& plan = planned(shot.index);
   if (!t_.spec.bracket.metering) return plan.exposures;
   if (auto go = checkpoint(plan.gantry); !go) return tl::unexpected(go.error());
-  const std::string folder = name_of_shot(shot.index);
   const double exposure = metering_exposure(plan.exposures);
-  say("metering " + folder);
-  auto frame = take(folder, "metering", "metering", exposure);
-  if (!frame) return tl::unexpected(frame.error());
-  if (auto stood = still_in_place(plan.gantry); !stood) return tl::unexpected(stood.error());
-  const ExposureChoice choice =
-      choose_exposures(frame->frame, lit_sites(t_.rig, t_.spec, t_.prepared, shot.index),
-                       plan.exposures, t_.rig.camera.sensor, t_.spec.bracket.target_snr);
-  store_.add(std::move(*frame));
+  say("metering " + name_of_shot(shot.index));
+  auto taken = expose_lit(shot.index, "metering", "metering", exposure, witness);
+  if (!taken) return tl::unexpected(taken.error());
+  const ExposureChoice choice = choose_exposures(store_.last().frame, witness.lit(), plan.exposures,
+                                                 t_.rig.camera.sensor, t_.spec.bracket.target_snr);
   shot.skipped = choice.skipped;
   std::vector<double> remaining = choice.exposures;
   std::erase(remaining, exposure);
   return remaining;
+}
+
+/// One lit frame of a shot, kept only if the gantry stood and nothing contradicts its light.
+Result<void> CaptureRun::expose_lit(int index, const std::string& name, const std::string& role,
+                                    double exposure, LightWitness& witness) {
+  auto frame = take(name_of_shot(index), name, role, exposure);
+  if (!frame) return tl::unexpected(frame.error());
+  if (auto stood = still_in_place(planned(index).gantry); !stood) return stood;
+  if (auto lit = believe(frame->frame, witness); !lit) return lit;
+  store_.add(std::move(*frame));
+  return {};
+}
+
+/// A controller repeats what its lamp was told; whether it burns only pictures say.
+Result<void> CaptureRun::believe(const Frame& frame, LightWitness& witness) {
+  const auto contradiction = witness.contradiction(frame);
+  if (!contradiction) return {};
+  ++lamp_doubts_;
+  lamp_doubt_ = *contradiction;
+  return fail(ErrorCode::timed_out, *contradiction + "; the shot's frames were thrown away");
+}
+
+/// That the lamp burnt to the end, by its own word and by pictures: where the last frame is too
+/// dark to tell, or the only one, by one more that nobody keeps.
+Result<void> CaptureRun::close_bracket(int index, LightWitness& witness) {
+  const std::string name = name_of_shot(index);
+  if (!witness.light_seen()) {
+    const auto noted = note(
+        "lamp_unseen",
+        {{"name", name},
+         {"reason", fmt::format("over {} lit sites no exposure shows light of the lamp beyond its "
+                                "noise, nor would the darkest material have to: the pictures "
+                                "cannot tell whether the lamp burnt",
+                                witness.sites())}});
+    if (!noted) return noted;
+  } else if (const auto exposure = witness.closing_exposure()) {
+    if (auto go = checkpoint(planned(index).gantry); !go) return go;
+    say("looking whether the lamp burns to the end of " + name);
+    const auto frame = hand_.expose(*exposure);
+    if (!frame) return tl::unexpected(frame.error());
+    if (auto stood = still_in_place(planned(index).gantry); !stood) return stood;
+    if (auto lit = believe(*frame, witness); !lit) return lit;
+  }
+  return hand_.still_lit();
 }
 
 /// The position is read after every exposure, and so before the next: a frame counts only between

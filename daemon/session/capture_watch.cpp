@@ -13,6 +13,8 @@
 namespace lightrig {
 namespace {
 
+constexpr int doubts_before_pause = 2;
+
 /// Sites whose median must be measured for a change of this share to stand out by four standard
 /// errors: each is at least ten sigma above its noise, and a median's error is 1.25 σ / √n.
 int enough_sites(double share) { return static_cast<int>(std::ceil(std::pow(0.5 / share, 2))); }
@@ -127,6 +129,21 @@ Result<void> CaptureRun::pause_for_heat() {
   if (auto watched = watch(t_.rig.pause.lamp_temperature, "lamp", of_lamp); !watched)
     return watched;
   return watch(t_.rig.pause.camera_temperature, "camera", of_camera);
+}
+
+/// Pauses once pictures have contradicted the lamp a second time in a row; whether it did. Only a
+/// person can say that it is mended.
+Result<bool> CaptureRun::pause_for_lamp() {
+  if (lamp_doubts_ < doubts_before_pause) return false;
+  lamp_doubts_ = 0;
+  const auto paused = pause("condition",
+                            lamp_doubt_ +
+                                "; twice in a row: the lamp has possibly failed, though it says it "
+                                "did as told. Look at the lamp and its supply, and resume: the "
+                                "shot is then taken anew",
+                            [](bool word) -> Result<bool> { return word; });
+  if (!paused) return tl::unexpected(paused.error());
+  return true;
 }
 
 /// The frame of the first light captured that shows the most sites well.

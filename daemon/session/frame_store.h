@@ -38,6 +38,8 @@ class FrameStore {
 
   /// Hands over a frame of the shot being taken. The shot before must have been collected.
   void add(TakenFrame frame);
+  /// The frame added last, until the shot is collected or dropped.
+  const TakenFrame& last() const { return frames_.back(); }
   /// The shot being taken is thrown away.
   void drop();
 

@@ -27,14 +27,14 @@ double variance_of(const SensorModel& sensor, double signal) {
 
 }  // namespace
 
-std::vector<std::uint8_t> lit_sites(const Rig& rig, const SessionSpec& spec,
-                                    const Prepared& prepared, int shot) {
+std::vector<LitPoint> lit_points(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                                 int shot) {
   const Shot& planned = prepared.plan.shots[static_cast<std::size_t>(shot)];
   const LightPosition& light = planned.light;
   const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, planned.gantry);
   const SurfacePoints& points = points_of_shot(prepared, shot);
   std::vector<Eigen::Vector3d> positions, normals;
-  std::vector<std::size_t> sites;
+  std::vector<LitPoint> lit;
   const int width = rig.camera.model.width, height = rig.camera.model.height;
   for (Eigen::Index i = 0; i < points.size(); ++i) {
     const Eigen::Vector3d x = points.position.col(i), n = points.normal.col(i);
@@ -50,16 +50,29 @@ std::vector<std::uint8_t> lit_sites(const Rig& rig, const SessionSpec& spec,
     }
     positions.push_back(x);
     normals.push_back(n);
-    sites.push_back(static_cast<std::size_t>(site));
+    lit.push_back({static_cast<std::size_t>(site), x, n, points.view.col(i)});
   }
-  std::vector<std::uint8_t> blocked(sites.size(), 0);
+  std::vector<std::uint8_t> blocked(lit.size(), 0);
   prepared.occluder->blocked(positions, normals, light, blocked);
-  std::vector<std::uint8_t> lit(static_cast<std::size_t>(width) * static_cast<std::size_t>(height),
-                                0);
-  for (std::size_t i = 0; i < sites.size(); ++i) {
-    if (blocked[i] == 0) lit[sites[i]] = 1;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < lit.size(); ++i) {
+    if (blocked[i] == 0) lit[kept++] = lit[i];
   }
+  lit.resize(kept);
   return lit;
+}
+
+std::vector<std::uint8_t> lit_sites(const Rig& rig, const std::vector<LitPoint>& lit) {
+  std::vector<std::uint8_t> sites(static_cast<std::size_t>(rig.camera.model.width) *
+                                      static_cast<std::size_t>(rig.camera.model.height),
+                                  0);
+  for (const LitPoint& point : lit) sites[point.site] = 1;
+  return sites;
+}
+
+std::vector<std::uint8_t> lit_sites(const Rig& rig, const SessionSpec& spec,
+                                    const Prepared& prepared, int shot) {
+  return lit_sites(rig, lit_points(rig, spec, prepared, shot));
 }
 
 FrameLikeness compare_frames(const Frame& then, const Frame& now,

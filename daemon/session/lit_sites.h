@@ -1,5 +1,7 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -9,8 +11,20 @@
 
 namespace lightrig {
 
+/// A point of the object that the lamp lights and a site sees.
+struct LitPoint {
+  std::size_t site = 0;  ///< row · width + column
+  Eigen::Vector3d x, n;  ///< [m], world; unit normal
+  Eigen::Vector3d wo;    ///< unit, towards the camera
+};
+/// The points that planning looks at in this shot of the plan that are lit, unshadowed and within
+/// the grazing limits.
+std::vector<LitPoint> lit_points(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                                 int shot);
+
 /// Sensor sites (height · width) at which a sample will be taken in this shot of the plan: 1 where
-/// a point that planning looks at is lit, unshadowed and within the grazing limits.
+/// there is a lit point.
+std::vector<std::uint8_t> lit_sites(const Rig& rig, const std::vector<LitPoint>& lit);
 std::vector<std::uint8_t> lit_sites(const Rig& rig, const SessionSpec& spec,
                                     const Prepared& prepared, int shot);
 

@@ -35,12 +35,12 @@ void Judge::check(const std::filesystem::path& root, const StoredFrame& stored, 
   const sim::ExposureRecord& truth = found->second;
   const bool lamp_off = stored.role == "dark" || stored.role == "ambient";
   const double power = lamp_off ? 0.0 : rig_.lamp.power;
+  const double given = truth.moment.lamp_power * truth.moment.lamp_gain;
   if (std::abs(truth.exposure - stored.exposure) > std::max(0.01 * stored.exposure, 1e-5))
     wrong.push_back(fmt::format("{}: exposed for {} s, not {} s", stored.file, truth.exposure,
                                 stored.exposure));
-  if (std::abs(truth.moment.lamp_power - power) > 0.01)
-    wrong.push_back(
-        fmt::format("{}: lamp at {}, not {}", stored.file, truth.moment.lamp_power, power));
+  if (std::abs(given - power) > 0.01)
+    wrong.push_back(fmt::format("{}: lamp at {}, not {}", stored.file, given, power));
   if (!planned) return;  // a dark frame may be taken anywhere
   const double off = (truth.moment.drives.axes - planned->gantry.axes).cwiseAbs().maxCoeff();
   if (truth.moment.moving || !(off <= 1.05 * rig_.gantry.model.tolerance))
