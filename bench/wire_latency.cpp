@@ -69,7 +69,8 @@ class Sniffer {
     double time_us = 0;
     std::uint8_t function = 0;
   };
-  Sniffer() : socket_(socket(AF_PACKET, SOCK_DGRAM, htons(ETH_P_IP))) {
+  // What goes out is shown to sockets of every protocol alone, not to those of one.
+  Sniffer() : socket_(socket(AF_PACKET, SOCK_DGRAM, htons(ETH_P_ALL))) {
     const int on = 1;
     const timeval patience{0, 50000};
     if (socket_ < 0 || setsockopt(socket_, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on) != 0)
@@ -101,7 +102,8 @@ class Sniffer {
     msghdr message{&from, sizeof from, &part, 1, control.data(), control.size(), 0};
     const ssize_t got = recvmsg(socket_, &message, 0);
     // On loopback every packet is seen twice: going out is when it is on the wire.
-    if (got < 60 - 14 || from.sll_pkttype != PACKET_OUTGOING) return;
+    if (got < 60 - 14 || from.sll_pkttype != PACKET_OUTGOING || from.sll_protocol != htons(ETH_P_IP))
+      return;
     const std::size_t ip = std::size_t{4} * (bytes[0] & 0x0fU);
     const std::size_t data = ip + std::size_t{4} * (bytes[ip + 12] >> 4U);
     const int destination = (bytes[ip + 2] << 8) | bytes[ip + 3];
