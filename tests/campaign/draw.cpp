@@ -46,7 +46,8 @@ std::vector<WireKind> make_wire_kinds() {
 
 void die(const std::string& why) {
   std::fprintf(stderr, "fault_campaign: %s\n", why.c_str());
-  std::exit(2);
+  std::fflush(nullptr);
+  std::_Exit(2);  // other trials may be under way on other threads
 }
 
 const std::vector<WireKind>& wire_kinds() {

@@ -94,8 +94,11 @@ std::string phase_of(const Snapshot& now) {
 /// and gives up when it is not.
 class Person {
  public:
-  Person(const WireKind& kind, sim::HostedRig& hosted, const Rig& rig)
-      : kind_(kind), hosted_(hosted), service_({rig, false, 1, 1}, log_, hub_, liveness_) {
+  Person(const WireKind& kind, double patience, sim::HostedRig& hosted, const Rig& rig)
+      : stated_(patience * kind.stated_s),
+        kind_(kind),
+        hosted_(hosted),
+        service_({rig, false, 1, 1}, log_, hub_, liveness_) {
     const auto spec = read_session({}, rig);
     if (!spec.value) die("the small rig's session is not valid");
     spec_ = *spec.value;
@@ -135,7 +138,7 @@ class Person {
     // What follows the capture is arithmetic: it touches no wire, and takes most of the time.
     if (now.state == State::reducing) return true;
     if (!now.busy && now.state != State::planning) return true;
-    if (!late_ && steady_clock::now() - began_ > std::chrono::seconds(kind_.stated_s)) {
+    if (!late_ && steady_clock::now() - began_ > stated_) {
       late_ = true;
       service_.abort(person, "the campaign's own limit");
     }
@@ -179,7 +182,7 @@ class Person {
     const auto violated = [&](const std::string& what) { outcome.violations.push_back(what); };
     if (late_) {
       outcome.late = 1;
-      violated(fmt::format("it had not ended by itself after {} s", kind_.stated_s));
+      violated(fmt::format("it had not ended by itself after {:.0f} s", stated_.count()));
     }
     const bool lit = hosted_.world->lamp_power() > 0;
     if ((lit && !now.lamp_may_be_on) || (now.lamp_may_be_on && is_armed(now.state))) {
@@ -201,6 +204,7 @@ class Person {
     return outcome;
   }
 
+  const std::chrono::duration<double> stated_;
   const WireKind& kind_;
   sim::HostedRig& hosted_;
   const steady_clock::time_point began_ = steady_clock::now();
@@ -216,7 +220,7 @@ class Person {
 
 }  // namespace
 
-Outcome run_trial(const Trial& trial) {
+Outcome run_trial(const Trial& trial, double patience) {
   // Each trial has its own loopback: addresses are the shipped files' own.
   if (const std::string obstacle = test::enter_own_network(); !obstacle.empty()) die(obstacle);
   const WireKind& kind = wire_kind(trial.wire);
@@ -226,7 +230,7 @@ Outcome run_trial(const Trial& trial) {
   if (!hosted) die(hosted.error().message);
   if (!trial.fault.empty())
     if (auto added = hosted->add_fault(trial.fault); !added) die(added.error().message);
-  auto at_the_rig = std::make_unique<Person>(kind, *hosted, rig);
+  auto at_the_rig = std::make_unique<Person>(kind, patience, *hosted, rig);
   Outcome outcome = at_the_rig->take_session();
   // The process ends with the trial, and with it what is left computing.
   if (!at_the_rig->shut_down()) static_cast<void>(at_the_rig.release());

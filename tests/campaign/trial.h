@@ -50,8 +50,8 @@ std::optional<Outcome> outcome_from(const std::string& json);
 /// std::_Exit (the reduction of a completed session may still be computing): hosts the rig's wires,
 /// starts the service on the same rig file, arms it, takes a session as a person would, and holds
 /// what is stored against the laboratory's own record. Under LD_PRELOAD=libumockdev-preload.so.0
-/// where the wire needs it.
-Outcome run_trial(const Trial& trial);
+/// where the wire needs it. `patience` multiplies the wire's stated time.
+Outcome run_trial(const Trial& trial, double patience = 1);
 
 [[noreturn]] void die(const std::string& why);
 
