@@ -191,11 +191,15 @@ std::string what_only_switches(const Section& lamp, const Section& gantry,
                                const ControllerProfile* profile) {
   if (const Section* unit = lamp.find("modbus"))
     return unit->has("coil") ? std::string("a coil") : std::string();
+  const auto of_grbl = [](const std::string& name) -> std::string {
+    return name == "flood" || name == "mist" ? fmt::format("GRBL's output \"{}\"", name) : "";
+  };
+  if (const Section* own = lamp.find("grbl"))
+    return own->has("output") ? of_grbl(own->text("output")) : std::string();
   const Section* wired = lamp.find("gantry");
   if (wired == nullptr || !wired->has("output") || !gantry.has("backend")) return {};
   const std::string& name = wired->text("output");
-  if (gantry.text("backend") == "grbl")
-    return name == "flood" || name == "mist" ? fmt::format("GRBL's output \"{}\"", name) : "";
+  if (gantry.text("backend") == "grbl") return of_grbl(name);
   if (gantry.text("backend") != "modbus" || profile == nullptr) return {};
   const auto output = profile->outputs.find(name);
   if (output == profile->outputs.end() || output->second.dimmable) return {};
@@ -218,6 +222,20 @@ void check_dimming(const Section& lamp, const Section& gantry, const ControllerP
                       key, lamp.number(key), what));
 }
 
+// A lamp on a GRBL controller of its own: an output that there is, and not the gantry's controller.
+void check_grbl_lamp(const Section& lamp, const Section* gantry, Findings& findings) {
+  check_name(lamp, "output", "output", {true, grbl_outputs, "a GRBL controller"}, findings);
+  if (gantry == nullptr) return;
+  const auto same = [&](const char* key) {
+    return lamp.given_key(key) && gantry->given_key(key) && lamp.text(key) == gantry->text(key);
+  };
+  if (same("device") || same("usb_serial"))
+    findings.error(lamp.place,
+                   fmt::format("[{}] names the gantry's own controller; its lamp is backend = "
+                               "\"gantry\" with [lamp.gantry]",
+                               lamp.path));
+}
+
 }  // namespace
 
 void check_backends(const Section& root, const ControllerProfile* profile, Findings& findings) {
@@ -231,6 +249,8 @@ void check_backends(const Section& root, const ControllerProfile* profile, Findi
   const Section* lamp = root.find("lamp");
   if (lamp == nullptr) return;
   check_dimming(*lamp, *gantry, profile, findings);
+  if (lamp->find("grbl") != nullptr)
+    check_grbl_lamp(lamp->table("grbl"), gantry->find("grbl"), findings);
   const Section* wired = lamp->find("gantry");
   if (wired == nullptr) return;
   if (simulated)

@@ -36,6 +36,9 @@ std::vector<KeySpec> both_units(const std::string& name_key, const KeySpec& rota
 std::vector<KeySpec> endpoint_keys();
 /// How long one answer of a wire may take.
 KeySpec timeout_key(const char* fallback);
+/// usb_vendor, … | device, baud: how a GRBL controller is reached; exactly one of usb_vendor and
+/// device.
+std::vector<KeySpec> grbl_endpoint_keys();
 /// baud, parity, …, legal only beside `device`; without defaults where a profile gives them.
 std::vector<KeySpec> serial_keys();
 

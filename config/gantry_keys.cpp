@@ -146,7 +146,17 @@ TableSpec grbl_table() {
   TableSpec t{.name = "grbl",
               .when = Condition{"backend", {"grbl"}},
               .doc = "A GRBL 1.1 or grblHAL controller, over USB or a serial port."};
-  t.keys = {
+  t.keys = grbl_endpoint_keys();
+  t.keys.push_back(timeout_key("1000"));
+  t.exactly_one = {{"usb_vendor", "device"}};
+  t.tables = {axis};
+  return t;
+}
+
+}  // namespace
+
+std::vector<KeySpec> grbl_endpoint_keys() {
+  return {
       {.name = "usb_vendor",
        .kind = ValueKind::integer,
        .range = {0, 0xffff},
@@ -173,12 +183,10 @@ TableSpec grbl_table() {
        .need = Need::defaulted,
        .fallback = "115200",
        .doc = "Speed of the line."},
-      timeout_key("1000"),
   };
-  t.exactly_one = {{"usb_vendor", "device"}};
-  t.tables = {axis};
-  return t;
 }
+
+namespace {
 
 /// Which geometry, and its measures.
 std::vector<KeySpec> geometry_keys() {

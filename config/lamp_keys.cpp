@@ -54,6 +54,20 @@ TableSpec modbus_lamp_table() {
   return t;
 }
 
+TableSpec grbl_lamp_table() {
+  TableSpec t{.name = "grbl",
+              .when = Condition{"backend", {"grbl"}},
+              .doc =
+                  "A lamp on an output of a GRBL 1.1 or grblHAL controller of its own, over USB "
+                  "or a serial port."};
+  t.keys = grbl_endpoint_keys();
+  t.keys.push_back({.name = "output",
+                    .kind = ValueKind::text,
+                    .doc = "\"spindle\" (dims), \"flood\" or \"mist\" (on and off)."});
+  t.exactly_one = {{"usb_vendor", "device"}};
+  return t;
+}
+
 /// What kind of source it is.
 std::vector<KeySpec> emission_keys() {
   return {
@@ -145,7 +159,7 @@ std::vector<KeySpec> use_keys() {
 KeySpec backend_key() {
   return {.name = "backend",
           .kind = ValueKind::choice,
-          .choices = {"gantry", "modbus", "simulated"},
+          .choices = {"gantry", "modbus", "grbl", "simulated"},
           .doc = "How the lamp is switched; \"simulated\" exists only under --simulate."};
 }
 
@@ -158,7 +172,7 @@ TableSpec lamp_table() {
   for (const auto& keys : {emission_keys(), strength_keys(), use_keys()})
     t.keys.insert(t.keys.end(), keys.begin(), keys.end());
   t.keys.push_back(backend_key());
-  t.tables = {gantry_lamp_table(), modbus_lamp_table()};
+  t.tables = {gantry_lamp_table(), modbus_lamp_table(), grbl_lamp_table()};
   return t;
 }
 

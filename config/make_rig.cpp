@@ -142,21 +142,24 @@ ModbusGantry make_modbus(const Section& s, const GantryModel& model,
   return g;
 }
 
-GrblGantry make_grbl(const Section& s, const GantryModel& model) {
-  GrblGantry g;
+GrblEndpoint make_grbl_endpoint(const Section& s) {
   if (s.given_key("usb_vendor")) {
     UsbEndpoint e;
     e.vendor = s.integer("usb_vendor");
     e.product = s.integer("usb_product");
     e.serial = s.text("usb_serial");
     e.baud = s.integer("baud");
-    g.endpoint = e;
-  } else {
-    SerialEndpoint e;
-    e.device = s.text("device");
-    e.baud = s.integer("baud");
-    g.endpoint = e;
+    return e;
   }
+  SerialEndpoint e;
+  e.device = s.text("device");
+  e.baud = s.integer("baud");
+  return e;
+}
+
+GrblGantry make_grbl(const Section& s, const GantryModel& model) {
+  GrblGantry g;
+  g.endpoint = make_grbl_endpoint(s);
   g.timeout = milliseconds(s, "timeout_ms");
   for (const Axis& of_model : model.axes) {
     const std::string& axis = of_model.name;
@@ -296,6 +299,8 @@ LampConfig make_lamp(const Section& s) {
     m.timeout = milliseconds(*modbus, "timeout_ms");
     l.backend = std::move(m);
   }
+  if (const Section* grbl = s.find("grbl"))
+    l.backend = GrblLamp{make_grbl_endpoint(*grbl), grbl->text("output")};
   return l;
 }
 

@@ -84,9 +84,10 @@ struct UsbEndpoint {
   std::string serial;  ///< "" takes the only one, refuses if there are several
   int baud = 115200;
 };
+using GrblEndpoint = std::variant<UsbEndpoint, SerialEndpoint>;
 /// A gantry behind a GRBL 1.1 or grblHAL controller, over libusb or a tty.
 struct GrblGantry {
-  std::variant<UsbEndpoint, SerialEndpoint> endpoint;
+  GrblEndpoint endpoint;
   std::vector<char> letters;         ///< (axes) G-code letter per axis
   std::vector<double> units_per_si;  ///< (axes) GRBL millimetres (or degrees) per metre (or radian)
   std::chrono::milliseconds timeout{1000};
@@ -136,8 +137,13 @@ struct ModbusLamp {
   double degrees_per_count = 0;    ///< [°C]
   std::chrono::milliseconds timeout{500};
 };
+/// An output of a GRBL 1.1 or grblHAL controller of its own, which moves nothing.
+struct GrblLamp {
+  GrblEndpoint endpoint;
+  std::string output;  ///< "spindle" / "flood" / "mist"
+};
 struct SimulatedLamp {};
-using LampBackend = std::variant<SimulatedLamp, GantryLamp, ModbusLamp>;
+using LampBackend = std::variant<SimulatedLamp, GantryLamp, ModbusLamp, GrblLamp>;
 
 struct LampConfig {
   Eigen::Array3d strength =

@@ -25,6 +25,7 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const GrblGantry& backend, Clo
 /// Gantry and lamp in one: fixed lamps on the coils of the rig's ModbusLamp.
 Result<GantryAndLamp> open_gantry(const Rig& rig, const FixedLampsGantry& backend, Clock& clock);
 Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const ModbusLamp& backend, Clock& clock);
+Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const GrblLamp& backend, Clock& clock);
 Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, const AravisCamera& backend,
                                             Clock& clock);
 

@@ -78,6 +78,11 @@ struct Devices {
 Result<Devices> open_devices(const Rig& rig, Clock& clock);
 /// The rig's camera alone.
 Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, Clock& clock);
+/// Whether the lamp can be lost and opened by itself: it shares neither controller nor wire with
+/// the gantry.
+bool lamp_has_own_wire(const Rig& rig);
+/// Such a lamp alone.
+Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, Clock& clock);
 
 /// A camera that answered discovery.
 struct FoundCamera {

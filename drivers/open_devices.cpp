@@ -61,9 +61,8 @@ Result<Devices> open_devices(const Rig& rig, Clock& clock) {
   devices.gantry = std::move(gantry->gantry);
   devices.lamp = std::move(gantry->lamp);
   if (!devices.lamp) {
-    auto lamp = std::visit([&](const auto& backend) { return open_lamp(rig, backend, clock); },
-                           rig.lamp.backend);
-    if (!lamp) return tl::unexpected(with_context("open lamp", lamp.error()));
+    auto lamp = open_lamp(rig, clock);
+    if (!lamp) return tl::unexpected(lamp.error());
     devices.lamp = std::move(*lamp);
   }
   auto camera = open_camera(rig, clock);
@@ -84,6 +83,15 @@ std::string wire_of(const std::variant<TcpEndpoint, SerialEndpoint>& endpoint) {
     return fmt::format("{}:{}", tcp->host, tcp->port);
   return std::get<SerialEndpoint>(endpoint).device;
 }
+
+Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, Clock& clock) {
+  auto lamp = std::visit([&](const auto& backend) { return open_lamp(rig, backend, clock); },
+                         rig.lamp.backend);
+  if (!lamp) return tl::unexpected(with_context("open lamp", lamp.error()));
+  return lamp;
+}
+
+bool lamp_has_own_wire(const Rig& rig) { return !lamp_shares_gantrys_wire(rig); }
 
 Result<void> make_safe(const Rig& rig, Clock& clock) {
   const auto open_own_lamp = [&] {
@@ -119,7 +127,9 @@ std::vector<std::string> backends_named_by(const Rig& rig) {
   if (std::holds_alternative<ModbusGantry>(rig.gantry.backend) ||
       std::holds_alternative<ModbusLamp>(rig.lamp.backend))
     names.emplace_back("modbus");
-  if (std::holds_alternative<GrblGantry>(rig.gantry.backend)) names.emplace_back("usb");
+  if (std::holds_alternative<GrblGantry>(rig.gantry.backend) ||
+      std::holds_alternative<GrblLamp>(rig.lamp.backend))
+    names.emplace_back("usb");
   if (std::holds_alternative<AravisCamera>(rig.camera.backend)) names.emplace_back("aravis");
   return names;
 }

@@ -13,6 +13,10 @@ Result<GantryAndLamp> open_gantry(const Rig&, const GrblGantry&, Clock&) {
   return fail(ErrorCode::not_built, std::string("GRBL gantry: ") + remedy);
 }
 
+Result<std::unique_ptr<Lamp>> open_lamp(const Rig&, const GrblLamp&, Clock&) {
+  return fail(ErrorCode::not_built, std::string("GRBL lamp: ") + remedy);
+}
+
 Backend usb_backend() { return {"usb", false, remedy}; }
 
 }  // namespace lightrig

@@ -37,6 +37,9 @@ Result<std::vector<HostedWire>> host_wire(const Rig& rig, const ModbusLamp& back
 Result<std::vector<HostedWire>> host_wire(const Rig& rig, const GrblGantry& backend,
                                           std::shared_ptr<World> world,
                                           std::shared_ptr<WireFaults> faults = {});
+Result<std::vector<HostedWire>> host_wire(const Rig& rig, const GrblLamp& backend,
+                                          std::shared_ptr<World> world,
+                                          std::shared_ptr<WireFaults> faults = {});
 /// A camera at the address that the rig file names, which must be this machine's own; a rig file
 /// that names it by serial number has it discovered on interface_ip, or on loopback.
 Result<std::vector<HostedWire>> host_wire(const Rig& rig, const AravisCamera& backend,

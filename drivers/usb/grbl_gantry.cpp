@@ -227,8 +227,8 @@ GrblLampDevice::~GrblLampDevice() {
 }
 
 std::string GrblLampDevice::command_for(double power) const {
-  if (backend_.output == "mist" && power > 0) return "M7";
-  if (backend_.output != "spindle") return power > 0 ? "M8" : "M9";
+  if (output_ == "mist" && power > 0) return "M7";
+  if (output_ != "spindle") return power > 0 ? "M8" : "M9";
   const auto full = controller_->settings.find(30);
   const double scale = full == controller_->settings.end() ? 1000.0 : full->second;
   return power > 0 ? fmt::format("M3 S{:.1f}", power * scale) : std::string("M5");
@@ -267,7 +267,7 @@ Result<void> GrblLampDevice::set(double power, const Until& until) {
 
 Result<LampState> GrblLampDevice::state(const Until& until) {
   LampState state{power_, false, std::nullopt};
-  if (backend_.output != "spindle") return state;
+  if (output_ != "spindle") return state;
   auto report = controller_->link.status(until);
   if (!report) return tl::unexpected(with_context("read the lamp", report.error()));
   const auto full = controller_->settings.find(30);

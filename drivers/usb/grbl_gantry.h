@@ -46,12 +46,15 @@ class GrblGantryDevice final : public Gantry {
   bool stop_pending_ = false;  ///< a feed hold was sent; a reset must follow once at rest
 };
 
-/// The lamp on the controller's spindle or coolant output.
+/// The lamp on a spindle or coolant output of the gantry's controller, or of one of its own.
 class GrblLampDevice final : public Lamp {
  public:
-  GrblLampDevice(const GantryLamp& backend, double most, Clock& clock,
+  GrblLampDevice(std::string output, double most, Clock& clock,
                  std::shared_ptr<GrblController> controller)
-      : backend_(backend), most_(most), clock_(clock), controller_(std::move(controller)) {}
+      : output_(std::move(output)),
+        most_(most),
+        clock_(clock),
+        controller_(std::move(controller)) {}
   ~GrblLampDevice() override;
   Result<void> set(double power, const Until& until) override;
   Result<LampState> state(const Until& until) override;
@@ -59,7 +62,7 @@ class GrblLampDevice final : public Lamp {
  private:
   std::string command_for(double power) const;
 
-  const GantryLamp backend_;
+  const std::string output_;
   const double most_;
   Clock& clock_;
   std::shared_ptr<GrblController> controller_;

@@ -24,20 +24,20 @@ std::string with_meaning(const std::string& line, const std::string& meaning) {
 
 }  // namespace
 
-Result<GrblLink> GrblLink::open(const GrblGantry& backend, Clock& clock, const Until& until) {
+Result<GrblLink> GrblLink::open(const GrblEndpoint& endpoint, Clock& clock, const Until& until) {
   auto wire = std::visit(
-      [](const auto& endpoint) -> Result<Wire> {
-        if constexpr (std::is_same_v<std::decay_t<decltype(endpoint)>, UsbEndpoint>) {
-          auto port = CdcAcm::open(endpoint);
+      [](const auto& at) -> Result<Wire> {
+        if constexpr (std::is_same_v<std::decay_t<decltype(at)>, UsbEndpoint>) {
+          auto port = CdcAcm::open(at);
           if (!port) return tl::unexpected(port.error());
           return Wire(std::move(*port));
         } else {
-          auto port = SerialPort::open(endpoint);
+          auto port = SerialPort::open(at);
           if (!port) return tl::unexpected(port.error());
           return Wire(std::move(*port));
         }
       },
-      backend.endpoint);
+      endpoint);
   if (!wire) return tl::unexpected(wire.error());
   std::size_t axes = 0;
   for (const char letter : backend.letters) axes = std::max(axes, grbl::machine_axis(letter) + 1);

@@ -19,7 +19,7 @@ class GrblLink {
  public:
   /// Opens the wire and resets the controller, so that nothing queued by an earlier program can
   /// move; waits for its banner.
-  static Result<GrblLink> open(const GrblGantry& backend, Clock& clock, const Until& until);
+  static Result<GrblLink> open(const GrblEndpoint& endpoint, Clock& clock, const Until& until);
 
   /// Sends a line and waits for its ok. Errors: refused (error:N, ALARM:N with their meaning),
   /// timed_out, stopped, disconnected.

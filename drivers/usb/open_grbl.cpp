@@ -1,4 +1,5 @@
-// Opening a GRBL gantry: what the controller is set to must not be more than the rig file allows.
+// Opening a GRBL gantry, or a lamp on a GRBL controller: what the controller is set to must not be
+// more than the rig file allows.
 #include <fmt/format.h>
 
 #include <map>
@@ -11,12 +12,31 @@ namespace {
 
 constexpr std::chrono::seconds opening_time{8};  // some controllers boot for seconds after DTR
 
+double setting_of(const std::map<int, double>& settings, int number) {
+  const auto found = settings.find(number);
+  return found == settings.end() ? 0.0 : found->second;
+}
+
+/// That a lamp on this output can be switched, and by how much.
+Result<void> check_output(const std::string& output, const std::map<int, double>& settings) {
+  if (output == "spindle" && setting_of(settings, 32) != 0)
+    return fail(ErrorCode::refused,
+                "laser mode is on ($32=1): the lamp would go dark whenever the controller rests; "
+                "set $32=0");
+  if (output == "spindle" && !(setting_of(settings, 30) > 0))
+    return fail(ErrorCode::refused,
+                "the controller's full spindle speed is 0 ($30=0), so the lamp's power means "
+                "nothing: set $30=1000");
+  if (output != "spindle" && output != "flood" && output != "mist")
+    return fail(
+        ErrorCode::invalid_input,
+        fmt::format("a GRBL controller has no output \"{}\": spindle, flood or mist", output));
+  return {};
+}
+
 Result<void> check_settings(const Rig& rig, const GrblGantry& backend,
                             const std::map<int, double>& settings) {
-  const auto setting = [&](int number) {
-    const auto found = settings.find(number);
-    return found == settings.end() ? 0.0 : found->second;
-  };
+  const auto setting = [&](int number) { return setting_of(settings, number); };
   if (setting(22) < 1)
     return fail(ErrorCode::refused,
                 "homing is off in the controller ($22=0): without it positions mean nothing; "
@@ -34,38 +54,46 @@ Result<void> check_settings(const Rig& rig, const GrblGantry& backend,
                       backend.letters[i], 120 + axis, setting(120 + axis), allowed, 120 + axis));
   }
   const auto* lamp = std::get_if<GantryLamp>(&rig.lamp.backend);
-  if (lamp && lamp->output == "spindle" && setting(32) != 0)
-    return fail(ErrorCode::refused,
-                "laser mode is on ($32=1): the lamp would go dark whenever the gantry rests; "
-                "set $32=0");
-  if (lamp && lamp->output == "spindle" && !(setting(30) > 0))
-    return fail(ErrorCode::refused,
-                "the controller's full spindle speed is 0 ($30=0), so the lamp's power means "
-                "nothing: set $30=1000");
-  if (lamp && lamp->output != "spindle" && lamp->output != "flood" && lamp->output != "mist")
-    return fail(ErrorCode::invalid_input,
-                fmt::format("a GRBL controller has no output \"{}\": spindle, flood or mist",
-                            lamp->output));
-  return {};
+  return lamp ? check_output(lamp->output, settings) : Result<void>();
+}
+
+Result<GrblController> open_controller(const GrblEndpoint& endpoint, Clock& clock) {
+  const Until until{clock.now() + opening_time, {}};
+  auto link = GrblLink::open(endpoint, clock, until);
+  if (!link) return tl::unexpected(link.error());
+  auto settings = link->settings(until);
+  if (!settings) return tl::unexpected(with_context("read the settings", settings.error()));
+  return GrblController{std::move(*link), std::move(*settings)};
 }
 
 }  // namespace
 
 Result<GantryAndLamp> open_gantry(const Rig& rig, const GrblGantry& backend, Clock& clock) {
-  const Until until{clock.now() + opening_time, {}};
-  auto link = GrblLink::open(backend, clock, until);
-  if (!link) return tl::unexpected(link.error());
-  auto settings = link->settings(until);
-  if (!settings) return tl::unexpected(with_context("read the settings", settings.error()));
-  if (auto sound = check_settings(rig, backend, *settings); !sound)
+  auto controls = open_controller(backend.endpoint, clock);
+  if (!controls) return tl::unexpected(controls.error());
+  if (auto sound = check_settings(rig, backend, controls->settings); !sound)
     return tl::unexpected(sound.error());
-  auto controller =
-      std::make_shared<GrblController>(GrblController{std::move(*link), std::move(*settings)});
+  auto controller = std::make_shared<GrblController>(std::move(*controls));
   GantryAndLamp opened;
   opened.gantry = std::make_unique<GrblGantryDevice>(rig, backend, clock, controller);
   if (const auto* lamp = std::get_if<GantryLamp>(&rig.lamp.backend))
-    opened.lamp = std::make_unique<GrblLampDevice>(*lamp, rig.lamp.max_power, clock, controller);
+    opened.lamp =
+        std::make_unique<GrblLampDevice>(lamp->output, rig.lamp.max_power, clock, controller);
   return opened;
+}
+
+Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const GrblLamp& backend, Clock& clock) {
+  auto controls = open_controller(backend.endpoint, clock);
+  if (!controls) return tl::unexpected(controls.error());
+  // Locked until it is homed, it would switch nothing; and it has no axes to home.
+  if (setting_of(controls->settings, 22) != 0)
+    return fail(ErrorCode::refused,
+                "homing is on in the lamp's controller ($22=1), which then obeys nothing until it "
+                "is homed: set $22=0, and power it anew");
+  if (auto sound = check_output(backend.output, controls->settings); !sound)
+    return tl::unexpected(sound.error());
+  return std::make_unique<GrblLampDevice>(backend.output, rig.lamp.max_power, clock,
+                                          std::make_shared<GrblController>(std::move(*controls)));
 }
 
 Backend usb_backend() { return {"usb", true, ""}; }

@@ -44,7 +44,7 @@ void GrblFarEnd::spoil(std::string said, const WireFault& fault) {
 }
 
 void GrblFarEnd::receive(std::string_view bytes) {
-  const auto fault = faults_ ? faults_->on_request(Wire::gantry) : std::nullopt;
+  const auto fault = faults_ ? faults_->on_request(wire_) : std::nullopt;
   if (steady_clock::now() < silent_until_) return;
   if (!fault) return say(machine_.receive(bytes));
   if (fault->effect == WireEffect::silence) return;
@@ -58,7 +58,7 @@ void GrblFarEnd::receive(std::string_view bytes) {
 }
 
 std::optional<WireFault> GrblFarEnd::tick() {
-  auto fault = faults_ ? faults_->tick(Wire::gantry) : std::nullopt;
+  auto fault = faults_ ? faults_->tick(wire_) : std::nullopt;
   const auto now = steady_clock::now();
   if (fault && fault->effect == WireEffect::reboot) {
     outbox_.clear();

@@ -16,9 +16,12 @@ namespace lightrig::sim {
 /// thread: whoever carries them calls tick() every few milliseconds.
 class GrblFarEnd {
  public:
+  /// `backend` as GrblMachine's.
   GrblFarEnd(const GrblGantry& backend, std::shared_ptr<World> world,
              std::shared_ptr<WireFaults> faults)
-      : machine_(backend, std::move(world)), faults_(std::move(faults)) {}
+      : machine_(backend, std::move(world)),
+        wire_(backend.letters.empty() ? Wire::lamp : Wire::gantry),
+        faults_(std::move(faults)) {}
 
   /// Bytes that arrived together: one request to the faults' count.
   void receive(std::string_view bytes);
@@ -38,6 +41,7 @@ class GrblFarEnd {
   void spoil(std::string said, const WireFault& fault);
 
   GrblMachine machine_;
+  Wire wire_;
   std::shared_ptr<WireFaults> faults_;
   std::deque<Late> outbox_;
   std::chrono::steady_clock::time_point silent_until_{};

@@ -38,8 +38,12 @@ std::optional<std::vector<Word>> words_of(const std::string& text) {
 }  // namespace
 
 GrblMachine::GrblMachine(const GrblGantry& backend, std::shared_ptr<World> world)
-    : backend_(backend), world_(std::move(world)) {
-  settings_ = {{13, 0}, {20, 1}, {21, 0}, {22, 1}, {30, 1000}, {31, 0}, {32, 0}};
+    : backend_(backend),
+      world_(std::move(world)),
+      moves_(!backend.letters.empty()),
+      lit_(!moves_ || std::holds_alternative<GantryLamp>(world_->rig().lamp.backend)),
+      alarm_(moves_) {  // locked at start where homing is enabled
+  settings_ = {{13, 0}, {20, 1}, {21, 0}, {22, moves_ ? 1 : 0}, {30, 1000}, {31, 0}, {32, 0}};
   const GantryModel& model = world_->rig().gantry.model;
   for (std::size_t i = 0; i < backend_.letters.size(); ++i) {
     const auto axis = static_cast<int>(machine_letters.find(backend_.letters[i]));
@@ -81,9 +85,21 @@ std::string GrblMachine::heed_lines() {
   return said;
 }
 
+void GrblMachine::darken() {
+  lamp_on_ = false;
+  if (lit_) (void)world_->switch_lamp(0);
+}
+
+/// A controller without axes rests, and no door is wired to it.
+GantryStatus GrblMachine::axes() const {
+  if (moves_) return world_->gantry_status();
+  GantryStatus status;
+  status.at_rest = true;
+  return status;
+}
+
 void GrblMachine::switch_lamp() {
-  const auto* lamp = std::get_if<GantryLamp>(&world_->rig().lamp.backend);
-  if (!lamp) return;
+  if (!lit_) return;
   const double lit = dims_ ? spindle_ / settings_.at(30) : 1.0;
   lamp_refused_ = !world_->switch_lamp(lamp_on_ && !door_ ? lit : 0.0);
 }
@@ -92,11 +108,11 @@ std::string GrblMachine::realtime(char byte) {
   if (byte == 0x18) return reset();
   if (silent_) return {};
   if (byte == '?') return report();
-  const GantryStatus now = world_->gantry_status();
+  const GantryStatus now = axes();
   if (byte == '!' && !homing_ && !alarm_ && !door_) {
     hold_ = true;  // at rest too
     resumable_ = resumable_ || !now.at_rest;
-    world_->halt_gantry();
+    if (moves_) world_->halt_gantry();
   }
   if (byte == '~' && suspended() && now.at_rest && now.open_interlocks.empty()) {
     hold_ = door_ = false;
@@ -109,7 +125,7 @@ std::string GrblMachine::realtime(char byte) {
 
 // Opened, the door holds what moves and stops spindle and coolant; homing it makes fail instead.
 void GrblMachine::look_at_door() {
-  const GantryStatus now = world_->gantry_status();
+  const GantryStatus now = axes();
   if (door_ || alarm_ || homing_ || now.open_interlocks.empty()) return;
   door_ = true;
   resumable_ = !now.at_rest;
@@ -117,13 +133,12 @@ void GrblMachine::look_at_door() {
 }
 
 std::string GrblMachine::reset() {
-  const bool in_motion = !world_->gantry_status().at_rest;
+  const bool in_motion = !axes().at_rest;
   pending_.clear();
   unheeded_.clear();
   queue_.clear();
   hold_ = resumable_ = silent_ = door_ = false;
-  lamp_on_ = false;
-  (void)world_->switch_lamp(0);
+  darken();
   std::string said;
   if (in_motion || homing_) {
     world_->lose_position();
@@ -138,26 +153,25 @@ std::string GrblMachine::reset() {
 }
 
 std::string GrblMachine::power_cycle() {
-  world_->lose_position();
+  if (moves_) world_->lose_position();
   (void)reset();
-  alarm_ = true;
+  alarm_ = moves_;
   homing_ = false;
-  return std::string(banner) + "[MSG:'$H'|'$X' to unlock]\r\n";
+  return std::string(banner) + (moves_ ? "[MSG:'$H'|'$X' to unlock]\r\n" : "");
 }
 
 // An alarm ends in a reset of motion, spindle and coolant [Grbl v1.1, mc_reset].
 std::string GrblMachine::alarm(int number) {
   alarm_ = true;
-  world_->halt_gantry();
+  if (moves_) world_->halt_gantry();
   queue_.clear();
-  lamp_on_ = false;
-  (void)world_->switch_lamp(0);
+  darken();
   silent_ = number == 1 || number == 2;
   return fmt::format("ALARM:{}\r\n", number);
 }
 
 std::string GrblMachine::report() const {
-  const GantryStatus status = world_->gantry_status();
+  const GantryStatus status = axes();
   std::string state = "Idle";
   if (homing_)
     state = "Home";
@@ -199,7 +213,7 @@ std::string GrblMachine::start_homing() {
 
 std::string GrblMachine::tick() {
   look_at_door();
-  const GantryStatus status = world_->gantry_status();
+  const GantryStatus status = axes();
   if (!status.alarm.empty() && !alarm_)
     return alarm(status.alarm.starts_with("code ") ? std::atoi(status.alarm.c_str() + 5) : 1);
   if (homing_ && status.at_rest) {

@@ -19,6 +19,8 @@ namespace lightrig::sim {
 /// protocol.c]. No wire, no thread; tick() lets time pass.
 class GrblMachine {
  public:
+  /// A backend without axes is a controller that has the lamp alone, homing off; one with axes has
+  /// the lamp where the rig says that it hangs on the gantry's controller.
   GrblMachine(const GrblGantry& backend, std::shared_ptr<World> world);
 
   /// Takes bytes as they come; returns what the controller says at once.
@@ -35,6 +37,8 @@ class GrblMachine {
   std::string heed_lines();
   void look_at_door();
   void switch_lamp();
+  void darken();
+  GantryStatus axes() const;
   bool suspended() const { return hold_ || door_; }
   std::string alarm(int number);
   std::string reset();
@@ -46,13 +50,15 @@ class GrblMachine {
 
   const GrblGantry backend_;
   std::shared_ptr<World> world_;
+  const bool moves_;  ///< it has axes
+  const bool lit_;    ///< it has the lamp
   std::string pending_;
   std::deque<GantryPosition> queue_;
   GantryPosition going_to_;
   std::deque<std::string> unheeded_;  ///< lines that came while it was held
   bool homing_ = false, hold_ = false, resumable_ = false;
-  bool door_ = false;    ///< it was open; closed, it waits for `~`
-  bool alarm_ = true;    ///< locked at start: homing is enabled
+  bool door_ = false;  ///< it was open; closed, it waits for `~`
+  bool alarm_;
   bool silent_ = false;  ///< after a hard or soft limit, until a reset
   bool lamp_on_ = false, dims_ = false, lamp_refused_ = false;
   double spindle_ = 0;  ///< S word

@@ -70,21 +70,21 @@ class GrblPty {
   std::jthread thread_;
 };
 
-}  // namespace
-
-Result<std::vector<HostedWire>> host_wire(const Rig&, const GrblGantry& backend,
-                                          std::shared_ptr<World> world,
-                                          std::shared_ptr<WireFaults> faults) {
+/// `backend` as GrblMachine's.
+Result<std::vector<HostedWire>> host(const char* part, const GrblGantry& backend,
+                                     std::shared_ptr<World> world,
+                                     std::shared_ptr<WireFaults> faults) {
+  const std::string doing = fmt::format("simulate the {}", part);
   const auto* serial = std::get_if<SerialEndpoint>(&backend.endpoint);
   if (!serial) {
     const auto& usb = std::get<UsbEndpoint>(backend.endpoint);
     auto device = UsbFarEnd::open(usb, GrblFarEnd(backend, std::move(world), std::move(faults)));
-    if (!device) return tl::unexpected(with_context("simulate the gantry", device.error()));
+    if (!device) return tl::unexpected(with_context(doing, device.error()));
     std::shared_ptr<UsbFarEnd> shared = std::move(*device);
     const std::string address = fmt::format("USB {:04x}:{:04x} serial {}", usb.vendor, usb.product,
                                             usb.serial.empty() ? "(none)" : usb.serial);
     return std::vector<HostedWire>{
-        {"gantry",
+        {part,
          address,
          shared,
          {{"LD_PRELOAD", "libumockdev-preload.so.0"}, {"UMOCKDEV_DIR", shared->folder()}},
@@ -92,8 +92,30 @@ Result<std::vector<HostedWire>> host_wire(const Rig&, const GrblGantry& backend,
   }
   auto pty = std::make_shared<GrblPty>(backend, std::move(world), std::move(faults));
   auto name = pty->open(*serial);
-  if (!name) return tl::unexpected(with_context("simulate the gantry", name.error()));
-  return std::vector<HostedWire>{{"gantry", *name, pty, {}, {}}};
+  if (!name) return tl::unexpected(with_context(doing, name.error()));
+  return std::vector<HostedWire>{{part, *name, pty, {}, {}}};
+}
+
+}  // namespace
+
+Result<std::vector<HostedWire>> host_wire(const Rig&, const GrblGantry& backend,
+                                          std::shared_ptr<World> world,
+                                          std::shared_ptr<WireFaults> faults) {
+  return host("gantry", backend, std::move(world), std::move(faults));
+}
+
+Result<std::vector<HostedWire>> host_wire(const Rig& rig, const GrblLamp& backend,
+                                          std::shared_ptr<World> world,
+                                          std::shared_ptr<WireFaults> faults) {
+  const auto* gantry = std::get_if<GrblGantry>(&rig.gantry.backend);
+  if (gantry && std::holds_alternative<UsbEndpoint>(gantry->endpoint) &&
+      std::holds_alternative<UsbEndpoint>(backend.endpoint))
+    return fail(ErrorCode::refused,
+                "simulate the lamp: one USB device can be emulated at a time, and that is the "
+                "gantry's; give [lamp.grbl] a device path for the rehearsal");
+  GrblGantry without_axes;
+  without_axes.endpoint = backend.endpoint;
+  return host("lamp", without_axes, std::move(world), std::move(faults));
 }
 
 }  // namespace lightrig::sim

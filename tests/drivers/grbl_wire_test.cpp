@@ -6,6 +6,8 @@
 #include <chrono>
 #include <thread>
 
+#include "drivers/make_safe.h"
+#include "sim/wire_faults.h"
 #include "tests/drivers/wire_rig.h"
 
 namespace lightrig {
@@ -159,6 +161,56 @@ TEST_F(GrblWire, AReportThatLacksAnAxisOfTheRigFileIsNotBelieved) {
   EXPECT_NE(status.error().message.find("reports 3 axes, the rig file's letters need 4"),
             std::string::npos)
       << status.error().message;
+}
+
+TEST_F(GrblWire, ALampOnAControllerOfItsOwnIsLostAndOpenedWithoutTheGantrys) {
+  SerialEndpoint serial;
+  serial.device = testing::TempDir() + "lightrig_lamp_" + std::to_string(getpid());
+  const GrblLamp lamp_backend{serial, "flood"};
+  rig_.lamp.backend = lamp_backend;
+  hosted_.clear();
+  world_ = test::world_of(rig_, clock_);
+  const auto faults = std::make_shared<sim::WireFaults>(world_);
+  auto axes = sim::host_wire(rig_, backend_, world_);
+  auto lamps = sim::host_wire(rig_, lamp_backend, world_, faults);
+  ASSERT_TRUE(axes && lamps);
+  EXPECT_TRUE(lamp_has_own_wire(rig_));
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  EXPECT_EQ(opened->lamp, nullptr);
+  ASSERT_TRUE(opened->gantry->home(soon(20s)));
+  auto lamp = open_lamp(rig_, clock_);
+  ASSERT_TRUE(lamp) << lamp.error().message;
+  ASSERT_TRUE((*lamp)->set(1, soon(2s)));
+  EXPECT_EQ(world_->lamp_power(), 1);
+  // The gantry's controller has another lamp's output, or none: its reset leaves ours alone.
+  ASSERT_TRUE(opened->gantry->clear_fault(soon(5s)));
+  EXPECT_EQ(world_->lamp_power(), 1);
+
+  ASSERT_TRUE(faults->add(*sim::parse_wire_fault("unplug wire=lamp ms=100")));
+  for (int i = 0; i < 200 && (*lamp)->state(soon(1s)) && (*lamp)->set(1, soon(1s)); ++i)
+    std::this_thread::sleep_for(10ms);
+  EXPECT_EQ((*lamp)->set(0, soon(1s)).error().code, ErrorCode::disconnected);
+  lamp->reset();
+  Result<std::unique_ptr<Lamp>> again = open_lamp(rig_, clock_);
+  for (int i = 0; i < 100 && !again; ++i) {
+    std::this_thread::sleep_for(20ms);
+    again = open_lamp(rig_, clock_);
+  }
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_EQ(world_->lamp_power(), 0);  // opening resets the controller: dark
+  const auto status = opened->gantry->status(soon(2s));
+  ASSERT_TRUE(status) << status.error().message;
+  EXPECT_TRUE(status->homed);
+}
+
+// Locked until it is homed, a controller switches nothing.
+TEST_F(GrblWire, ALampsControllerThatWantsHomingIsRefusedWithTheSettingToChange) {
+  rig_.lamp.backend = GrblLamp{backend_.endpoint, "flood"};
+  const auto lamp = open_lamp(rig_, clock_);
+  ASSERT_FALSE(lamp);
+  EXPECT_EQ(lamp.error().code, ErrorCode::refused);
+  EXPECT_NE(lamp.error().message.find("$22=0"), std::string::npos) << lamp.error().message;
 }
 
 TEST_F(GrblWire, AControllerFasterThanTheRigAllowsIsRefusedWithTheSettingToChange) {

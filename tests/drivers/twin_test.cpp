@@ -28,6 +28,8 @@ std::vector<Answer> answers() {
   std::vector<Answer> out;
   out.push_back({modbus_backend(), "LIGHTRIG_WITH_MODBUS", modbus ? Error{} : modbus.error()});
   out.push_back({usb_backend(), "LIGHTRIG_WITH_USB", usb ? Error{} : usb.error()});
+  const auto usb_lamp = open_lamp(rig, GrblLamp{nowhere, "flood"}, clock);
+  out.push_back({usb_backend(), "LIGHTRIG_WITH_USB", usb_lamp ? Error{} : usb_lamp.error()});
   return out;
 }
 

@@ -1,5 +1,6 @@
 // The contract of every gantry and lamp, kept over wires against simulated controllers: Modbus TCP
-// with a lamp of its own, Modbus RTU with the lamp on the drives' line, GRBL on a tty and on USB.
+// with a lamp of its own, Modbus RTU with the lamp on the drives' line, GRBL on a tty and on USB, a
+// lamp on a GRBL controller of its own on either.
 // The camera beside them is the laboratory's own; over its wire it is in gv_contract_test.cpp.
 // Each wire is one ctest entry (tests/CMakeLists.txt).
 #include <unistd.h>
@@ -135,6 +136,42 @@ ContractSubject open_grbl_tty() {
 
 ContractSubject open_grbl_usb() { return open_grbl(UsbEndpoint{0x1209, 1, "CONTRACT", 115200}); }
 
+// A lamp on a GRBL controller of its own; the gantry beside it is the laboratory's own.
+ContractSubject open_grbl_lamp(const GrblEndpoint& endpoint) {
+  ContractSubject subject;
+  Rig rig = contract_rig();
+  const GrblLamp backend{endpoint, "spindle"};
+  rig.gantry.backend = SimulatedGantry{};
+  rig.lamp.backend = backend;
+  subject.rig = rig;
+  auto far_end = std::make_shared<FarEnd>();
+  far_end->clock = std::make_shared<RealClock>();
+  far_end->world = test::world_of(rig, *far_end->clock);
+  host(*far_end, rig, backend);
+  subject.clock = far_end->clock;
+  auto lamp = open_lamp(rig, backend, *subject.clock);
+  EXPECT_TRUE(lamp) << lamp.error().message;
+  if (!lamp) return subject;
+  subject.devices.lamp = std::move(*lamp);
+  subject.devices.gantry = sim::make_gantry(far_end->world);
+  subject.devices.camera = sim::make_camera(far_end->world);
+  const sim::World* world = far_end->world.get();
+  subject.lamp_power_at_far_end = [world] { return world->lamp_power(); };
+  subject.moving_at_far_end = [world] { return !world->gantry_status().at_rest; };
+  subject.keep_alive = far_end;
+  return subject;
+}
+
+ContractSubject open_grbl_lamp_tty() {
+  SerialEndpoint serial;
+  serial.device = pty_path("grbl_lamp");
+  return open_grbl_lamp(serial);
+}
+
+ContractSubject open_grbl_lamp_usb() {
+  return open_grbl_lamp(UsbEndpoint{0x1209, 2, "CONTRACT-LAMP", 115200});
+}
+
 // Only where the backend is built; the twins' tests say what is said where it is not.
 std::vector<ContractBackend> wires() {
   std::vector<ContractBackend> all;
@@ -144,10 +181,11 @@ std::vector<ContractBackend> wires() {
   }
   if (!backends()[1].built) return all;
   all.push_back({"GrblTty", open_grbl_tty});
+  all.push_back({"GrblLampTty", open_grbl_lamp_tty});
   // Seen only under umockdev, with which its ctest entry starts it.
   const char* loaded = std::getenv("LD_PRELOAD");
   if (loaded != nullptr && std::string(loaded).find("umockdev") != std::string::npos)
-    all.push_back({"GrblUsb", open_grbl_usb});
+    all.insert(all.end(), {{"GrblUsb", open_grbl_usb}, {"GrblLampUsb", open_grbl_lamp_usb}});
   return all;
 }
 
