@@ -102,7 +102,8 @@ class Sniffer {
     msghdr message{&from, sizeof from, &part, 1, control.data(), control.size(), 0};
     const ssize_t got = recvmsg(socket_, &message, 0);
     // On loopback every packet is seen twice: going out is when it is on the wire.
-    if (got < 60 - 14 || from.sll_pkttype != PACKET_OUTGOING || from.sll_protocol != htons(ETH_P_IP))
+    if (got < 60 - 14 || from.sll_pkttype != PACKET_OUTGOING ||
+        from.sll_protocol != htons(ETH_P_IP))
       return;
     const std::size_t ip = std::size_t{4} * (bytes[0] & 0x0fU);
     const std::size_t data = ip + std::size_t{4} * (bytes[ip + 12] >> 4U);
