@@ -105,6 +105,13 @@ Result<Devices> RigAccess::open_now(Reopen what) {
   if (what == Reopen::everything)
     return simulate_ ? sim::open_devices(rig_, world_) : open_devices(rig_, *clock_);
   Devices only;
+  if (what == Reopen::lamp) {
+    auto lamp = simulate_ ? Result<std::unique_ptr<Lamp>>(sim::make_lamp(world_))
+                          : open_lamp(rig_, *clock_);
+    if (!lamp) return tl::unexpected(lamp.error());
+    only.lamp = std::move(*lamp);
+    return only;
+  }
   if (simulate_) {
     only.camera = sim::make_camera(world_);
     return only;

@@ -244,30 +244,33 @@ Result<void> DeviceHand::lamp_dark() {
   return tl::unexpected(with_context("switch the lamp off", set.error()));
 }
 
-bool DeviceHand::gantry_and_lamp_answer() {
+Reopen DeviceHand::what_is_lost() {
   const auto soon = [this] { return Until{later(clock_.now(), answer_time), std::stop_token()}; };
-  return devices_.gantry && devices_.lamp && devices_.gantry->status(soon()) &&
-         devices_.lamp->state(soon());
+  if (!devices_.gantry || !devices_.gantry->status(soon())) return Reopen::everything;
+  if (devices_.lamp && devices_.lamp->state(soon())) return Reopen::camera;
+  return lamp_has_own_wire(rig_) ? Reopen::lamp : Reopen::everything;
 }
 
 Result<void> DeviceHand::reopen(const ReopenDevices& reopen, bool though_stopped) {
-  const Reopen what = gantry_and_lamp_answer() ? Reopen::camera : Reopen::everything;
-  if (what == Reopen::everything) {
+  const Reopen what = what_is_lost();
+  if (what != Reopen::camera) {
     if (lamp_ == LampKnown::on) lamp_ = LampKnown::unknown;
     devices_.lamp.reset();
+  }
+  if (what == Reopen::everything) {
     devices_.gantry.reset();
     last_status_.reset();
   }
-  last_frame_id_.reset();
-  auto opened =
-      reopen(what, std::move(devices_.camera), though_stopped ? std::stop_token() : stop_);
+  std::unique_ptr<Camera> old = what == Reopen::lamp ? nullptr : std::move(devices_.camera);
+  auto opened = reopen(what, std::move(old), though_stopped ? std::stop_token() : stop_);
   if (!opened) return tl::unexpected(with_context("open the devices again", opened.error()));
-  devices_.camera = std::move(opened->camera);
-  packets_.begin(devices_.camera->counters());
-  if (what == Reopen::everything) {
-    devices_.gantry = std::move(opened->gantry);
-    devices_.lamp = std::move(opened->lamp);
+  if (opened->camera) {
+    last_frame_id_.reset();
+    devices_.camera = std::move(opened->camera);
+    packets_.begin(devices_.camera->counters());
   }
+  if (opened->gantry) devices_.gantry = std::move(opened->gantry);
+  if (opened->lamp) devices_.lamp = std::move(opened->lamp);
   return lamp_dark();
 }
 

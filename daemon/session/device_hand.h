@@ -54,9 +54,8 @@ class DeviceHand {
   std::optional<double> camera_temperature() const;  ///< [°C] as of the last frame
   PacketWindow& packets() { return packets_; }
 
-  /// Opens the camera again, and where gantry and lamp do not both answer these too, destroyed
-  /// before, lamp first; the lamp is told to go dark. A stop leaves the opening behind, unless it
-  /// is opened to make the lamp dark.
+  /// Opens again what is lost (Reopen), destroyed before, lamp first; the lamp is told to go dark.
+  /// A stop leaves the opening behind, unless it is opened to make the lamp dark.
   Result<void> reopen(const ReopenDevices& reopen, bool though_stopped = false);
 
   Result<void> sleep(double seconds);
@@ -68,7 +67,7 @@ class DeviceHand {
   Until within(double seconds) const;
   Result<void> renew_lamp(double seconds);
   Result<void> see_lamp(double power);
-  bool gantry_and_lamp_answer();
+  Reopen what_is_lost();
   Result<void> check_frame(const Frame& frame, double seconds);
 
   const Rig& rig_;

@@ -81,13 +81,14 @@ struct SessionListeners {
   std::function<void(const std::string& shot, std::uint64_t take)> shot_begins;
 };
 
-/// What is opened anew: where gantry and lamp still answer, the camera alone. A gantry that is
-/// closed and opened loses its home position with some controllers, and the patience of its drives'
-/// watchdog with others.
-enum class Reopen : std::uint8_t { everything, camera };
-/// Opens devices anew after a disconnection; the old ones are destroyed before. The old camera is
-/// handed over, since even the end of a dead one may take seconds. Where opening blocks, it is left
-/// behind on a stop. Errors: the devices', `stopped`.
+/// What is opened anew: where gantry and lamp still answer, the camera alone; where the gantry
+/// answers and a lamp on a wire of its own does not, that lamp alone. A gantry that is closed and
+/// opened loses its home position with some controllers, and the patience of its drives' watchdog
+/// with others.
+enum class Reopen : std::uint8_t { everything, camera, lamp };
+/// Opens devices anew after a disconnection; the old ones are destroyed before. The old camera,
+/// unless it is kept, is handed over, since even the end of a dead one may take seconds. Where
+/// opening blocks, it is left behind on a stop. Errors: the devices', `stopped`.
 using ReopenDevices = std::function<Result<Devices>(Reopen what, std::unique_ptr<Camera> old,
                                                     const std::stop_token& stop)>;
 

@@ -93,6 +93,20 @@ INSTANTIATE_TEST_SUITE_P(Effects, EveryCallMayFail,
                            return std::string(sim::name_of(effect.param));
                          });
 
+// Opened anew, a gantry would have to be homed again with some controllers.
+TEST_F(CaptureTest, ALampLostOnAWireOfItsOwnIsOpenedAloneAndTheSessionComesOutTheSame) {
+  for (const std::uint64_t nth : {2U, 5U, 7U}) {
+    const SessionFolder folder = create(fmt::format("lamp{}", nth));
+    Laboratory laboratory(rig_, {{sim::DeviceCall::lamp_set, nth, sim::FaultEffect::disconnected}});
+    SessionControl control;
+    const SessionEnd end = capture_in(folder, laboratory, control);
+    EXPECT_EQ(end.outcome, SessionOutcome::done) << end.reason;
+    EXPECT_EQ(laboratory.asked_to_reopen, std::vector<Reopen>{Reopen::lamp}) << nth;
+    EXPECT_EQ(laboratory.script->calls(sim::DeviceCall::gantry_home), 1U);
+    EXPECT_EQ(comparable_text(folder), uninterrupted());
+  }
+}
+
 TEST_F(CaptureTest, AnAbortEndsItDarkAndASecondCallCompletesIt) {
   const SessionFolder folder = create();
   {

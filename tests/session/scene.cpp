@@ -166,11 +166,12 @@ ReopenDevices Laboratory::reopen() {
         old.reset();
         auto opened = sim::open_devices(rig, world);
         if (!opened) return opened;
-        if (what == Reopen::camera) {
-          opened->gantry.reset();
-          opened->lamp.reset();
-        }
-        return sim::with_faults(std::move(*opened), script, *clock);
+        asked_to_reopen.push_back(what);
+        Devices anew = sim::with_faults(std::move(*opened), script, *clock);
+        if (what != Reopen::everything) anew.gantry.reset();
+        if (what == Reopen::camera) anew.lamp.reset();
+        if (what == Reopen::lamp) anew.camera.reset();
+        return anew;
       };
 }
 

@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "config/rig.h"
 #include "daemon/session/prepare.h"
@@ -35,6 +36,7 @@ struct Laboratory {
   std::shared_ptr<sim::World> world;
   std::shared_ptr<sim::FaultScript> script;
   Devices devices;
+  std::vector<Reopen> asked_to_reopen;
 };
 
 /// One call of capture() in a laboratory of its own, as after a restart of the process.
