@@ -24,7 +24,8 @@ std::string with_meaning(const std::string& line, const std::string& meaning) {
 
 }  // namespace
 
-Result<GrblLink> GrblLink::open(const GrblEndpoint& endpoint, Clock& clock, const Until& until) {
+Result<GrblLink> GrblLink::open(const GrblEndpoint& endpoint, std::size_t axes, Clock& clock,
+                                const Until& until) {
   auto wire = std::visit(
       [](const auto& at) -> Result<Wire> {
         if constexpr (std::is_same_v<std::decay_t<decltype(at)>, UsbEndpoint>) {
@@ -39,8 +40,6 @@ Result<GrblLink> GrblLink::open(const GrblEndpoint& endpoint, Clock& clock, cons
       },
       endpoint);
   if (!wire) return tl::unexpected(wire.error());
-  std::size_t axes = 0;
-  for (const char letter : backend.letters) axes = std::max(axes, grbl::machine_axis(letter) + 1);
   GrblLink link(std::move(*wire), axes, clock);
   if (auto reset = link.reset(until); !reset)
     return tl::unexpected(with_context("wait for GRBL's banner after a reset", reset.error()));

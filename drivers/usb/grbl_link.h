@@ -18,8 +18,9 @@ namespace lightrig {
 class GrblLink {
  public:
   /// Opens the wire and resets the controller, so that nothing queued by an earlier program can
-  /// move; waits for its banner.
-  static Result<GrblLink> open(const GrblEndpoint& endpoint, Clock& clock, const Until& until);
+  /// move; waits for its banner. A report of fewer than `axes` positions is damaged.
+  static Result<GrblLink> open(const GrblEndpoint& endpoint, std::size_t axes, Clock& clock,
+                               const Until& until);
 
   /// Sends a line and waits for its ok. Errors: refused (error:N, ALARM:N with their meaning),
   /// timed_out, stopped, disconnected.

@@ -2,6 +2,7 @@
 // more than the rig file allows.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <map>
 
 #include "drivers/backends.h"
@@ -57,9 +58,10 @@ Result<void> check_settings(const Rig& rig, const GrblGantry& backend,
   return lamp ? check_output(lamp->output, settings) : Result<void>();
 }
 
-Result<GrblController> open_controller(const GrblEndpoint& endpoint, Clock& clock) {
+Result<GrblController> open_controller(const GrblEndpoint& endpoint, std::size_t axes,
+                                       Clock& clock) {
   const Until until{clock.now() + opening_time, {}};
-  auto link = GrblLink::open(endpoint, clock, until);
+  auto link = GrblLink::open(endpoint, axes, clock, until);
   if (!link) return tl::unexpected(link.error());
   auto settings = link->settings(until);
   if (!settings) return tl::unexpected(with_context("read the settings", settings.error()));
@@ -69,7 +71,9 @@ Result<GrblController> open_controller(const GrblEndpoint& endpoint, Clock& cloc
 }  // namespace
 
 Result<GantryAndLamp> open_gantry(const Rig& rig, const GrblGantry& backend, Clock& clock) {
-  auto controls = open_controller(backend.endpoint, clock);
+  std::size_t axes = 0;
+  for (const char letter : backend.letters) axes = std::max(axes, grbl::machine_axis(letter) + 1);
+  auto controls = open_controller(backend.endpoint, axes, clock);
   if (!controls) return tl::unexpected(controls.error());
   if (auto sound = check_settings(rig, backend, controls->settings); !sound)
     return tl::unexpected(sound.error());
@@ -83,7 +87,7 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const GrblGantry& backend, Clo
 }
 
 Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const GrblLamp& backend, Clock& clock) {
-  auto controls = open_controller(backend.endpoint, clock);
+  auto controls = open_controller(backend.endpoint, 0, clock);
   if (!controls) return tl::unexpected(controls.error());
   // Locked until it is homed, it would switch nothing; and it has no axes to home.
   if (setting_of(controls->settings, 22) != 0)
