@@ -6,9 +6,10 @@
 
 namespace lightrig {
 
-/// Lamp dark and motion stopped, as far as each can be reached: neither waits for the other's wire,
-/// and the camera is not asked. What a rig needs after the program that drove it has died. Errors:
-/// what could not be done; says LAMP MAY BE ON where the lamp was not seen to be dark.
+/// Lamp dark and motion stopped, as far as each can be reached: on wires of their own neither waits
+/// for the other's, on one wire the gantry's driver opens both. The camera is not asked. What a rig
+/// needs after the program that drove it has died. Errors: what could not be done; says LAMP MAY BE
+/// ON where the lamp was not seen to be dark.
 Result<void> make_safe(const Rig& rig, Clock& clock);
 
 }  // namespace lightrig
