@@ -8,12 +8,17 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <numbers>
+#include <numeric>
 #include <sstream>
 #include <thread>
 
@@ -51,7 +56,11 @@ class WireSession : public testing::TestWithParam<const char*> {
     rig_ = folder_ / "rig.toml";
     socket_ = folder_ / "control.sock";
     log_ = folder_ / "service.log";
+    write_rig(1);
+  }
+  void write_rig(int seed) const {
     test::SmallWireRig rig(GetParam());
+    rig.set("seed", std::to_string(seed));
     rig.sessions_in(folder_ / "sessions");
     if (rig.text().find("\ndevice = ") != std::string::npos)
       rig.set("device", "\"" + (folder_ / "device").string() + "\"");
@@ -120,6 +129,35 @@ class WireSession : public testing::TestWithParam<const char*> {
   fs::path folder_, rig_, socket_, log_;
 };
 
+/// Standard deviation of the error of one such session in memory from seed to seed, as
+/// tests/wire_spread measured it over 12 seeds, and of the difference of two.
+constexpr double sigma_percent = 0.82;
+constexpr double within_noise = std::numbers::sqrt2 * sigma_percent;
+
+TEST_P(WireSession, DISABLED_StraysFromSeedToSeed) {
+  const char* asked = std::getenv("LIGHTRIG_SPREAD");
+  const int sessions = asked ? std::atoi(asked) : 4;
+  std::vector<double> errors;
+  for (int seed = 1; seed <= sessions; ++seed) {
+    write_rig(seed);
+    const fs::path session = capture("--simulate --auto-arm --clock-rate inf");
+    const Json result = Json::parse(text_of(session / "result/result.json"), nullptr, false);
+    ASSERT_TRUE(result.is_object()) << session;
+    errors.push_back(result["error"]["percent_log"].get<double>());
+    fs::remove_all(folder_ / "sessions");
+  }
+  const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) / sessions;
+  double squares = 0;
+  for (const double error : errors) squares += (error - mean) * (error - mean);
+  const double sigma = std::sqrt(squares / std::max(1, sessions - 1));
+  std::puts(fmt::format("sessions={} mean_percent={:.3f} sigma_percent={:.3f} least_percent={:.3f} "
+                        "most_percent={:.3f}",
+                        sessions, mean, sigma, *std::ranges::min_element(errors),
+                        *std::ranges::max_element(errors))
+                .c_str());
+  EXPECT_LT(sigma, 1.5 * sigma_percent);
+}
+
 TEST_P(WireSession, GivesTheErrorThatTheSameRigInMemoryGives) {
   const fs::path far_end = folder_ / "far_end.json", record = folder_ / "record.jsonl";
   test::ChildProcess simulator(
@@ -146,8 +184,8 @@ TEST_P(WireSession, GivesTheErrorThatTheSameRigInMemoryGives) {
   const double memory_error = error_against(in_memory, truth);
   RecordProperty("wire_percent", std::to_string(wire_error));
   RecordProperty("memory_percent", std::to_string(memory_error));
-  // The drives' counts round the positions, so the noise is another: a few tenths of a percent.
-  EXPECT_NEAR(wire_error, memory_error, 0.25 * memory_error);
+  // The drives' counts round the positions, so the noise is another.
+  EXPECT_NEAR(wire_error, memory_error, within_noise);
   // The folder of a session that took its rig for real knows no truth.
   EXPECT_EQ(text_of(over_wires / "result/result.json").find("simulated truth"), std::string::npos);
 
