@@ -179,8 +179,8 @@ double wall_seconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-/// Wall seconds of one shot as a session reduces it, best of three: merge, extraction with mixed
-/// pixels left out and footprints kept, the fit with its refinements.
+/// Wall seconds of one shot on two threads as a session reduces it, best of three: merge,
+/// extraction with mixed pixels left out and footprints kept, the fit with its refinements.
 double shot_as_in_a_session(const std::vector<Frame>& bracket, const SensorModel& sensor,
                             const SurfacePoints& points, const CameraModel& camera,
                             const LightPosition& light, const Occluder& occluder,
@@ -190,8 +190,10 @@ double shot_as_in_a_session(const std::vector<Frame>& bracket, const SensorModel
   options.drop_mixed = true;
   options.footprints = 24;
   options.threads = 2;
+  const RowSpans spans = spans_of_sites(points.source, width, height);
   MergeOptions merge;
   merge.threads = 2;
+  merge.spans = &spans;
   double best = 1e9;
   for (int i = 0; i < 3; ++i) {
     const double begin = wall_seconds();
@@ -225,7 +227,11 @@ int compare() {
   for (int i = 0; i < 3; ++i) {
     Times t;
     const double t0 = cpu_seconds();
-    const Result<RadianceImage> image = merge_hdr(bracket, {}, sensor, merge);
+    // Pixels that see nothing of the object are left out; numpy, on whole arrays, merges them all.
+    const RowSpans spans = spans_of_sites(points.source, width, height);
+    MergeOptions seen = merge;
+    seen.spans = &spans;
+    const Result<RadianceImage> image = merge_hdr(bracket, {}, sensor, seen);
     const double t1 = cpu_seconds();
     const std::vector<BrdfObservations> lights = {extract(*image, nullptr, points, camera, light,
                                                           basis.grid, basis.valid, occluder,
@@ -273,9 +279,8 @@ int compare() {
              apart, json);
   const double shot = shot_as_in_a_session(bracket, sensor, points, camera, light, occluder, basis,
                                            extract_options);
-  fmt::print(
-      "speedup_numpy={:.2f} seconds={:.3f} same_coefficients={} session_shot_2_threads_s={:.3f}\n",
-      numpy.total() / best.total(), best.total(), apart < 1e-3 ? "yes" : "no", shot);
+  fmt::print("speedup_numpy={:.2f} seconds={:.3f} same_coefficients={} shot_5mp_s={:.3f}\n",
+             numpy.total() / best.total(), best.total(), apart < 1e-3 ? "yes" : "no", shot);
   return apart < 1e-3 ? 0 : 1;
 }
 

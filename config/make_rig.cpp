@@ -352,6 +352,8 @@ SimulationConfig make_simulation(const Section& s) {
   c.arm_damping = s.number("arm_damping");
   c.pose_error = s.number("pose_error_deg");
   c.lamp_position_error = s.number("lamp_position_error_mm");
+  if (s.has("obstacle_m")) c.obstacle = s.vector3("obstacle_m");
+  c.obstacle_radius = s.number("obstacle_radius_mm");
   c.ambient = s.channels("ambient_w_per_m2_sr");
   c.lamp_drift = 0.01 / 3600 * s.number("lamp_drift_percent_per_hour");
   return c;

@@ -227,6 +227,8 @@ struct SimulationConfig {
   double arm_damping = 0.05;       ///< ratio
   double pose_error = 0;           ///< [rad] rotation of the real object against the modelled one
   double lamp_position_error = 0;  ///< [m] rms, fixed per position
+  std::optional<Eigen::Vector3d> obstacle;          ///< [m] centre of a ball that no model knows of
+  double obstacle_radius = 0.01;                    ///< [m]
   Eigen::Array3d ambient = Eigen::Array3d::Zero();  ///< [W m⁻² sr⁻¹] seen with the lamp off
   double lamp_drift = 0;  ///< [1/s] by which the lamp brightens, of what it first gave
 };

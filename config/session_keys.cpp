@@ -189,6 +189,12 @@ std::vector<KeySpec> check_keys() {
        .need = Need::defaulted,
        .fallback = "1",
        .doc = "Lights captured but not fitted, whose images are predicted and compared."},
+      {.name = "replan",
+       .kind = ValueKind::boolean,
+       .need = Need::defaulted,
+       .fallback = "true",
+       .doc = "While capturing, choose the remaining lights anew where earlier ones lost rows "
+              "(saturated, dark, blocked) and others then promise more."},
       {.name = "random_baseline",
        .kind = ValueKind::boolean,
        .need = Need::defaulted,

@@ -150,6 +150,7 @@ PlanConfig make_plan(const Section& s) {
   p.limits.min_cos_i = cosine("max_theta_i_deg");
   p.limits.min_cos_o = cosine("max_theta_o_deg");
   p.held_out_lights = s.integer("held_out_lights");
+  p.replan = s.boolean("replan");
   p.random_baseline = s.boolean("random_baseline");
   p.seed = s.seed("seed");
   return p;

@@ -31,6 +31,7 @@ class ConditionChooser final : public LightChooser {
                    const SelectionOptions& options);
 
   Standing best(const std::vector<std::uint8_t>& open) override;
+  void stand_on(const Eigen::MatrixXd& rows) override;
   void take(std::span<const int> candidates) override;
   Standing standing() const override;
   Eigen::MatrixXd information() const override;
@@ -73,7 +74,8 @@ class ConditionChooser final : public LightChooser {
   void decide_deficient(const std::vector<int>& active, std::vector<Standing>& standings);
   void list_unseen(int group);
   Eigen::Index rows_with(std::size_t cells) const {
-    return (groups_.seen_cells() + static_cast<Eigen::Index>(cells)) * groups_.rows().per_cell;
+    return had_rows_ +
+           (groups_.seen_cells() + static_cast<Eigen::Index>(cells)) * groups_.rows().per_cell;
   }
   Stage& stage_of(int candidate) { return stage_[static_cast<std::size_t>(candidate)]; }
   Group& group_at(int g) { return group_[static_cast<std::size_t>(g)]; }
@@ -95,7 +97,8 @@ class ConditionChooser final : public LightChooser {
   std::vector<double> bound_;  ///< (candidates) lower bound of κ²
   std::vector<Stage> stage_;
   std::vector<Decision> decisions_;
-  int rank_ = 0;  ///< of the rows taken, −1: not known
+  Eigen::Index had_rows_ = 0;  ///< stood on from the start
+  int rank_ = 0;               ///< of the rows taken, −1: not known
   SelectionStatistics statistics_;
 };
 

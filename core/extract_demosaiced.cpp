@@ -1,5 +1,6 @@
 #include "core/extract_demosaiced.h"
 
+#include <algorithm>
 #include <optional>
 
 #include "core/demosaic.h"
@@ -26,6 +27,11 @@ BrdfObservations extract_demosaiced(const RadianceImage& mosaic, const RadianceI
   ExtractOptions as_mono = options;
   for (int channel = 0; channel < 3; ++channel) {
     as_mono.lamp_strength = Eigen::Array3d::Constant(options.lamp_strength[channel]);
+    Eigen::ArrayXXd least_f;
+    if (options.least_f != nullptr) {
+      least_f = options.least_f->col(std::min<Eigen::Index>(channel, options.least_f->cols() - 1));
+      as_mono.least_f = &least_f;
+    }
     std::optional<RadianceImage> unlit;
     if (ambient != nullptr) unlit = demosaiced(*ambient, channel);
     BrdfObservations one = extract(demosaiced(mosaic, channel), unlit ? &*unlit : nullptr, points,
@@ -38,6 +44,8 @@ BrdfObservations extract_demosaiced(const RadianceImage& mosaic, const RadianceI
     for (Footprint& footprint : one.footprints) footprint.row += before;
     all.rows.insert(all.rows.end(), one.rows.begin(), one.rows.end());
     all.footprints.insert(all.footprints.end(), one.footprints.begin(), one.footprints.end());
+    for (BrdfObservation& row : one.black) row.channel = static_cast<std::int8_t>(channel);
+    all.black.insert(all.black.end(), one.black.begin(), one.black.end());
     if (channel == 0) all.statistics = one.statistics;
   }
   return all;

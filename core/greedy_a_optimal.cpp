@@ -69,6 +69,7 @@ class AOptimalChooser final : public LightChooser {
   }
 
   Standing best(const std::vector<std::uint8_t>& open) override;
+  void stand_on(const Eigen::MatrixXd& rows) override;
   void take(std::span<const int> candidates) override;
   Standing standing() const override;
   Eigen::MatrixXd information() const override {
@@ -108,6 +109,7 @@ class AOptimalChooser final : public LightChooser {
   double rounding_ = 0;           ///< how far bounds may be off, absolute
   double trace_of_A_ = 0;
   bool posterior_is_old_ = false;
+  bool stands_on_rows_ = false;
   std::vector<double> bound_;  ///< (candidates): of the score; the score itself once decided
   std::vector<int> stage_;     ///< (candidates): heads looked at, or all of them and more: decided
   std::vector<Scratch> scratch_;
@@ -115,7 +117,7 @@ class AOptimalChooser final : public LightChooser {
 };
 
 Standing AOptimalChooser::standing() const {
-  if (groups_.seen_cells() == 0) return {};
+  if (groups_.seen_cells() == 0 && !stands_on_rows_) return {};
   const PackedRows& rows = groups_.rows();
   std::vector<double> A = gram_, inverse(gram_.size());
   CHECK(cholesky(A, rows.k, rows.stride, level_));
@@ -134,8 +136,19 @@ void AOptimalChooser::reset() {
   variance_ = prior_;
   turned_.data.clear();
   rounding_ = trace_of_A_ = 0;
-  posterior_is_old_ = false;
+  posterior_is_old_ = stands_on_rows_ = false;
   statistics_ = {};
+}
+
+void AOptimalChooser::stand_on(const Eigen::MatrixXd& rows) {
+  if (rows.rows() == 0) return;
+  const int k = groups_.rows().k, stride = groups_.rows().stride;
+  const Eigen::MatrixXd W = rows * scale_.asDiagonal();
+  Eigen::Map<Eigen::MatrixXd, Eigen::Unaligned, Eigen::OuterStride<>>(gram_.data(), k, k,
+                                                                      Eigen::OuterStride<>(stride))
+      .selfadjointView<Eigen::Lower>()
+      .rankUpdate(W.transpose());
+  posterior_is_old_ = stands_on_rows_ = true;
 }
 
 void AOptimalChooser::take(std::span<const int> candidates) {

@@ -47,6 +47,27 @@ Standing ConditionChooser::decide(int candidate) {
   return {candidate, found.rank, found.pseudo_condition};
 }
 
+void ConditionChooser::stand_on(const Eigen::MatrixXd& rows) {
+  if (rows.rows() == 0) return;
+  PackedRows had;
+  had.k = k_;
+  had.stride = stride_;
+  had.data.resize(static_cast<std::size_t>(rows.rows()) * static_cast<std::size_t>(stride_));
+  std::fill(had.data.begin(), had.data.end(), 0.0);
+  std::vector<std::int32_t> all(static_cast<std::size_t>(rows.rows()));
+  for (Eigen::Index r = 0; r < rows.rows(); ++r) {
+    all[static_cast<std::size_t>(r)] = static_cast<std::int32_t>(r);
+    for (int j = 0; j < k_; ++j) {
+      had.data[static_cast<std::size_t>(r * stride_ + j)] = rows(r, j);
+    }
+  }
+  extend_factor(R_, had, all, factor_, scratch_, level_);
+  std::swap(R_, factor_);
+  add_gram(had, all, gram_, level_);
+  had_rows_ = rows.rows();
+  rank_ = -1;
+}
+
 void ConditionChooser::take(std::span<const int> candidates) {
   const auto known = std::find_if(decisions_.begin(), decisions_.end(), [&](const Decision& d) {
     return candidates.size() == 1 && d.candidate == candidates.front();
@@ -69,6 +90,7 @@ void ConditionChooser::restart() {
   groups_.restart();
   extremes_.restart();
   R_.data.clear();
+  had_rows_ = 0;
   rank_ = 0;
   decisions_.clear();
   std::fill(gram_.begin(), gram_.end(), 0.0);
@@ -83,7 +105,7 @@ Eigen::MatrixXd ConditionChooser::information() const {
 }
 
 Standing ConditionChooser::standing() const {
-  if (groups_.seen_cells() == 0) return {};
+  if (groups_.seen_cells() == 0 && had_rows_ == 0) return {};
   const Conditioning found = conditioning_of_factor(R_, rows_with(0));
   return {-1, found.rank, found.pseudo_condition};
 }
@@ -116,8 +138,7 @@ void ConditionChooser::decide_deficient(const std::vector<int>& active,
 bool ConditionChooser::beyond_full_rank(const Group& group, std::span<const int> members) const {
   std::size_t most = 0;
   for (const int candidate : members) most = std::max(most, groups_.fresh(candidate).size());
-  const double rows = static_cast<double>(std::max<Eigen::Index>(
-      k_, (groups_.seen_cells() + static_cast<Eigen::Index>(most)) * groups_.rows().per_cell));
+  const double rows = static_cast<double>(std::max<Eigen::Index>(k_, rows_with(most)));
   const double ratio = rows * std::numeric_limits<double>::epsilon();
   return group.bound > 0.25 / (ratio * ratio);
 }

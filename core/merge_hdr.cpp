@@ -220,13 +220,31 @@ void Merger::merge_block(std::size_t first, std::size_t n, const float* per_elec
   merge_body(*this, first, n, per_electron);
 }
 
+/// Sites [first, last) say nothing.
+void leave_unknown(RadianceImage& image, std::size_t first, std::size_t last) {
+  const auto from = static_cast<std::ptrdiff_t>(first), to = static_cast<std::ptrdiff_t>(last);
+  std::fill(image.variance.begin() + from, image.variance.begin() + to,
+            std::numeric_limits<float>::infinity());
+  std::fill(image.site.begin() + from, image.site.begin() + to, RadianceImage::Site::saturated);
+}
+
 /// Runs rows [begin, end) of the image in blocks.
 void merge_rows(const Merger& merger, int begin, int end) {
-  const RadianceImage& image = *merger.image;
+  RadianceImage& image = *merger.image;
+  const RowSpans* spans = merger.options->spans;
   float per_electron[block];
   for (int row = begin; row < end; ++row) {
-    for (std::size_t column = 0; column < static_cast<std::size_t>(image.width); column += block) {
-      const std::size_t n = std::min(block, static_cast<std::size_t>(image.width) - column);
+    const auto width = static_cast<std::size_t>(image.width);
+    std::size_t first = 0, last = width;
+    if (spans != nullptr) {
+      const auto r = static_cast<std::size_t>(row);
+      first = static_cast<std::size_t>(spans->begin[r]);
+      last = static_cast<std::size_t>(spans->end[r]);
+      leave_unknown(image, r * width, r * width + first);
+      leave_unknown(image, r * width + last, (r + 1) * width);
+    }
+    for (std::size_t column = first; column < last; column += block) {
+      const std::size_t n = std::min(block, last - column);
       for (std::size_t i = 0; i < n; ++i) {
         const int channel = channel_at(image.filter, row, static_cast<int>(column + i));
         per_electron[i] = static_cast<float>(1 / merger.sensor->response[channel]);
@@ -252,9 +270,31 @@ Result<void> check_sensor(const SensorModel& sensor) {
 
 }  // namespace
 
+RowSpans spans_of_sites(std::span<const std::int32_t> sites, int width, int height) {
+  RowSpans spans{std::vector<std::int32_t>(static_cast<std::size_t>(height), width),
+                 std::vector<std::int32_t>(static_cast<std::size_t>(height), 0)};
+  // Points follow the rows: a row's division is not done anew for each of them.
+  std::int32_t row = 0, from = 0;
+  for (const std::int32_t site : sites) {
+    if (site < from || site >= from + width) {
+      row = site / width;
+      from = row * width;
+    }
+    const auto r = static_cast<std::size_t>(row);
+    spans.begin[r] = std::min(spans.begin[r], site - from);
+    spans.end[r] = std::max(spans.end[r], site - from + 1);
+  }
+  for (std::size_t r = 0; r < spans.begin.size(); ++r) {
+    spans.begin[r] = std::min(spans.begin[r], spans.end[r]);
+  }
+  return spans;
+}
+
 Result<RadianceImage> merge_hdr(std::span<const Frame> bracket, std::span<const Frame> dark,
                                 const SensorModel& sensor, const MergeOptions& options) {
   CHECK(options.rounds >= 1 && options.threads >= 1);
+  CHECK(options.spans == nullptr || bracket.empty() ||
+        options.spans->begin.size() == static_cast<std::size_t>(bracket[0].counts.height));
   if (bracket.empty() || bracket.size() > most_frames) {
     return fail(ErrorCode::invalid_input,
                 fmt::format("merging a bracket: {} frames given, 1 to {} expected", bracket.size(),

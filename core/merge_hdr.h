@@ -8,12 +8,22 @@
 
 namespace lightrig {
 
+/// The columns of every row of a picture that matter, [begin, end); an empty row has begin = end.
+struct RowSpans {
+  std::vector<std::int32_t> begin, end;  ///< (height)
+};
+/// The spans that hold all of these sites (row · width + column).
+RowSpans spans_of_sites(std::span<const std::int32_t> sites, int width, int height);
+
 struct MergeOptions {
   double saturation_margin =
       0.02;  ///< [fraction of full scale] counts this close to white or full well are excluded
   double detection_sigma = 3.0;  ///< a site whose summed signal is below this many sigmas is `dark`
   int rounds = 3;                ///< re-weighting rounds of the maximum-likelihood estimate
   int threads = 1;
+  /// Only these are merged; every other site is `saturated` with L = 0: at least nothing, which is
+  /// to say nothing. Null: all.
+  const RowSpans* spans = nullptr;
 };
 
 /// Best linear radiance of a bracket by inverse variance of shot, read and quantisation noise,

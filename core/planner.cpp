@@ -37,8 +37,10 @@ class Factor {
  public:
   explicit Factor(const BrdfBasis& basis) : basis_(basis), R_(0, basis.components()) {}
 
-  void add(std::span<const std::int32_t> cells) {
-    const Eigen::MatrixXd G = CellRows(basis_).gather(cells);
+  void add(std::span<const std::int32_t> cells) { add_rows(CellRows(basis_).gather(cells)); }
+
+  void add_rows(const Eigen::MatrixXd& G) {
+    if (G.rows() == 0) return;
     rows_ += G.rows();
     Eigen::MatrixXd stacked(R_.rows() + G.rows(), G.cols());
     stacked << R_, G;
@@ -106,31 +108,50 @@ LightPlanner::LightPlanner(const BrdfBasis& basis, const CandidateBins& bins,
 LightPlanner::~LightPlanner() = default;
 LightPlanner::LightPlanner(LightPlanner&&) noexcept = default;
 
+/// The chooser as the options have it before any light is chosen.
+void LightPlanner::begin(const SelectionOptions& options) {
+  CHECK(options.had.rows() == 0 || options.had.cols() == basis_.components());
+  if (used_) chooser_->restart();
+  used_ = true;
+  chooser_->stand_on(options.had);
+}
+
+SelectedLight LightPlanner::judge(const SelectionOptions& options) {
+  begin(options);
+  chooser_->take(options.already);
+  Factor factor(basis_);
+  if (options.criterion != Criterion::condition) {
+    factor.add_rows(options.had);
+    factor.add(marked(chooser_->seen()));
+  }
+  return reported(basis_, *chooser_, factor, chooser_->standing(), 0, options.criterion);
+}
+
 Selection LightPlanner::select(const SelectionOptions& options) {
   const auto candidates = static_cast<std::size_t>(bins_.candidates());
   CHECK(options.excluded.empty() || options.excluded.size() == candidates);
-  if (used_) chooser_->restart();
-  used_ = true;
+  begin(options);
   std::vector<std::uint8_t> open(candidates, 1);
   for (std::size_t i = 0; i < options.excluded.size(); ++i) {
     if (options.excluded[i] != 0) open[i] = 0;
   }
   const bool factored = options.criterion != Criterion::condition;
   Factor factor(basis_);
+  if (factored) factor.add_rows(options.had);
   Selection selection;
   selection.mean_only_error_percent =
       percent_of(basis_, Eigen::LLT<Eigen::MatrixXd>(chooser_->information()));
   Standing before;
-  if (!options.already.empty()) {
-    for (const int taken : options.already) {
-      CHECK(taken >= 0 && taken < bins_.candidates());
-      open[static_cast<std::size_t>(taken)] = 0;
-    }
+  for (const int taken : options.already) {
+    CHECK(taken >= 0 && taken < bins_.candidates());
+    open[static_cast<std::size_t>(taken)] = 0;
+  }
+  if (!options.already.empty() || options.had.rows() > 0) {
     chooser_->take(options.already);
     if (factored) factor.add(marked(chooser_->seen()));
     before = chooser_->standing();
     if (before.rank > 0 || before.score < std::numeric_limits<double>::infinity()) {
-      before.candidate = options.already.back();
+      before.candidate = 0;  // a light of before, whichever
     }
   }
   while (static_cast<int>(selection.lights.size()) < options.max_lights) {

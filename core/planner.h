@@ -31,6 +31,10 @@ struct SelectionOptions {
   int max_lights = 40;
   double sigma = 0.15;       ///< a-optimal: standard deviation of an observed row, mapped units
   std::vector<int> already;  ///< candidates captured already: their rows stand from the start
+  /// Rows measured already, (r × components) or empty: rows of V, each times √w, where w is what it
+  /// is worth of a row that the plan counts on, σ²/(σ² + its own variance). They stand from the
+  /// start. Candidates that show their cells would count these again: leave them out of the bins.
+  Eigen::MatrixXd had;
   std::vector<std::uint8_t> excluded;  ///< (candidates) or empty: 1 = may not be chosen
   bool brute_force = false;            ///< no shortcut at all: the plain reference
   int threads = 1;
@@ -87,7 +91,12 @@ class LightPlanner {
   /// The rest of the options may differ from call to call. The same lights as select_lights().
   Selection select(const SelectionOptions& options);
 
+  /// What `had` and `already` come to together, with no light chosen; candidate −1.
+  SelectedLight judge(const SelectionOptions& options);
+
  private:
+  void begin(const SelectionOptions& options);
+
   const BrdfBasis& basis_;
   const CandidateBins& bins_;
   std::unique_ptr<LightChooser> chooser_;

@@ -22,6 +22,10 @@ class LightChooser {
   /// cell.
   virtual Standing best(const std::vector<std::uint8_t>& open) = 0;
 
+  /// Adds rows of V measured already, (r × components), each times the root of its weight; before
+  /// anything is taken.
+  virtual void stand_on(const Eigen::MatrixXd& rows) = 0;
+
   /// Adds the cells of these candidates to those seen.
   virtual void take(std::span<const int> candidates) = 0;
 

@@ -31,14 +31,15 @@ class PlainChooser final : public LightChooser {
       for (const std::int32_t cell : bins_.of(candidate)) seen_[static_cast<std::size_t>(cell)] = 1;
     }
   }
+  void stand_on(const Eigen::MatrixXd& rows) override { had_ = rows; }
   Standing standing() const override { return standing_of(seen_, -1); }
   Eigen::MatrixXd information() const override {
-    const Eigen::MatrixXd W =
-        CellRows(basis_).gather(marked(seen_)) * (basis_.stddev / options_.sigma).asDiagonal();
+    const Eigen::MatrixXd W = rows_of(seen_) * (basis_.stddev / options_.sigma).asDiagonal();
     return Eigen::MatrixXd::Identity(W.cols(), W.cols()) + W.transpose() * W;
   }
   void restart() override {
     std::fill(seen_.begin(), seen_.end(), 0);
+    had_.resize(0, 0);
     statistics_ = {};
   }
 
@@ -46,6 +47,14 @@ class PlainChooser final : public LightChooser {
   const SelectionStatistics& statistics() const override { return statistics_; }
 
  private:
+  Eigen::MatrixXd rows_of(const std::vector<std::uint8_t>& cells) const {
+    const Eigen::MatrixXd G = CellRows(basis_).gather(marked(cells));
+    if (had_.rows() == 0) return G;
+    Eigen::MatrixXd all(had_.rows() + G.rows(), G.cols());
+    all << had_, G;
+    return all;
+  }
+
   Standing standing_with(int candidate) const {
     std::vector<std::uint8_t> all = seen_;
     for (const std::int32_t cell : bins_.of(candidate)) all[static_cast<std::size_t>(cell)] = 1;
@@ -53,7 +62,7 @@ class PlainChooser final : public LightChooser {
   }
 
   Standing standing_of(const std::vector<std::uint8_t>& all, int candidate) const {
-    const Eigen::MatrixXd G = CellRows(basis_).gather(marked(all));
+    const Eigen::MatrixXd G = rows_of(all);
     if (options_.criterion == Criterion::a_optimal) {
       return {candidate, 0, posterior_trace(basis_.stddev, G, options_.sigma)};
     }
@@ -65,6 +74,7 @@ class PlainChooser final : public LightChooser {
   const CandidateBins& bins_;
   const SelectionOptions options_;
   std::vector<std::uint8_t> seen_;
+  Eigen::MatrixXd had_;
   SelectionStatistics statistics_;
 };
 

@@ -24,7 +24,8 @@ enum class PointState : std::uint8_t {
   boundary,
   off_image,
   lit,
-  shadowed
+  shadowed,
+  blocked
 };
 
 /// Small, because a picture has millions: what is not kept is found again for the lit ones.
@@ -147,6 +148,44 @@ void leave_out_mixed(const PixelNeighbours& neighbours, std::vector<SitePoint>& 
   }
 }
 
+/// Marks as blocked the lit pixels that are black where even the darkest known material would not
+/// be, and leaves out those beside them, which may be half black. Returns the marked points.
+std::vector<std::size_t> leave_out_blocked(const RadianceImage& image, const RadianceImage* ambient,
+                                           const Geometry& g, const PixelNeighbours& neighbours,
+                                           const ExtractOptions& options,
+                                           std::vector<SitePoint>& sites) {
+  const bool mono = image.filter == ColorFilter::mono;
+  std::vector<std::uint8_t> black(sites.size(), 0);
+  std::vector<std::size_t> found;
+  for (std::size_t i = 0; i < sites.size(); ++i) {
+    if (!sites[i].lit()) continue;
+    const int site = g.points->source[i];
+    const auto at = static_cast<std::size_t>(site);
+    if (image.site[at] == RadianceImage::Site::saturated) continue;
+    double L = double{image.L[at]}, variance = double{image.variance[at]};
+    if (ambient != nullptr) {
+      if (ambient->site[at] == RadianceImage::Site::saturated) continue;
+      L -= double{ambient->L[at]};
+      variance += double{ambient->variance[at]};
+    }
+    const double noise = options.detection_sigma * std::sqrt(variance);
+    if (L >= noise) continue;
+    const int channel = mono ? 0 : channel_at(image.filter, site / image.width, site % image.width);
+    const double least = (*options.least_f)(
+        sites[i].cell(), std::min<Eigen::Index>(channel, options.least_f->cols() - 1));
+    if (least * options.lamp_strength[channel] * double{sites[i].irradiance} < 3 * noise) continue;
+    black[i] = 1;
+    found.push_back(i);
+  }
+  if (found.empty()) return found;
+  for (std::size_t i = 0; i < sites.size(); ++i) {
+    if (sites[i].lit() && black[i] == 0 && neighbours.beside(static_cast<Eigen::Index>(i), black)) {
+      sites[i].set(PointState::boundary);
+    }
+  }
+  return found;
+}
+
 /// Sums over the sites of one (cell, channel). a = E cos θi, the geometry of a site.
 struct CellSum {
   std::int32_t measured = 0, dark = 0, saturated = 0;
@@ -154,6 +193,8 @@ struct CellSum {
   double radiance = 0, variance = 0;  ///< Σ(L − ambient), Σ variance, usable sites
   double full_radiance = 0;           ///< Σ lower bounds, saturated sites
   double a2 = 0, aL = 0, L2 = 0;      ///< for the spread: Σa², ΣaL, ΣL²
+
+  std::int32_t sites() const { return measured + dark + saturated; }
 };
 
 /// The average of one cell. f = ΣL/Σa weighs sites by geometry alone, so noise that follows the
@@ -271,9 +312,68 @@ void count(ExtractionStatistics& s, PointState state) {
     case PointState::off_image:
       ++s.off_image;
       break;
+    case PointState::blocked:
+      ++s.blocked;
+      break;
     case PointState::lit:
       break;
   }
+}
+
+/// Sums per channel and cell.
+struct Sums {
+  const Geometry* geometry;
+  const RadianceImage* image;
+  const RadianceImage* ambient;
+  const ExtractOptions* options;
+
+  std::vector<CellSum> none() const {
+    const std::size_t channels = image->filter == ColorFilter::mono ? 1 : 3;
+    return std::vector<CellSum>(static_cast<std::size_t>(geometry->cells->grid().cells()) *
+                                channels);
+  }
+
+  /// Adds point i; returns its site.
+  std::size_t add(std::size_t i, const SitePoint& point, std::vector<CellSum>& sums) const {
+    const int site = *site_of(*geometry, static_cast<Eigen::Index>(i), image->width, image->height);
+    const int channel = image->filter == ColorFilter::mono
+                            ? 0
+                            : channel_at(image->filter, site / image->width, site % image->width);
+    const double a = options->lamp_strength[channel] * double{point.irradiance};
+    const auto key =
+        static_cast<std::size_t>(channel * geometry->cells->grid().cells() + point.cell());
+    add_site(sums[key], *image, ambient, static_cast<std::size_t>(site), a);
+    return static_cast<std::size_t>(site);
+  }
+
+  std::vector<CellSum> over(const std::vector<std::size_t>& points,
+                            const std::vector<SitePoint>& sites) const {
+    std::vector<CellSum> sums = none();
+    for (const std::size_t i : points) add(i, sites[i], sums);
+    return sums;
+  }
+
+  std::vector<CellSum> over_all(const std::vector<SitePoint>& sites,
+                                ExtractionStatistics& statistics) const {
+    std::vector<CellSum> sums = none();
+    for (std::size_t i = 0; i < sites.size(); ++i) {
+      count(statistics, sites[i].state());
+      if (!sites[i].lit()) continue;
+      const std::size_t site = add(i, sites[i], sums);
+      statistics.saturated += image->site[site] == RadianceImage::Site::saturated;
+      statistics.dark += image->site[site] == RadianceImage::Site::dark;
+    }
+    return sums;
+  }
+};
+
+/// The row of the sum at place `key`, channel · cells + cell.
+BrdfObservation row_of(const CellSum& sum, std::size_t key, const BivariateGrid& grid,
+                       double detection_sigma) {
+  BrdfObservation row = average(sum, detection_sigma);
+  row.cell = static_cast<std::int32_t>(key) % grid.cells();
+  row.channel = static_cast<std::int8_t>(static_cast<std::int32_t>(key) / grid.cells());
+  return row;
 }
 
 }  // namespace
@@ -293,40 +393,30 @@ BrdfObservations extract(const RadianceImage& image, const RadianceImage* ambien
   std::vector<SitePoint> sites = place_all(geometry, image.width, image.height, options.threads);
   std::optional<PixelNeighbours> own;
   const PixelNeighbours* neighbours = options.neighbours;
-  const bool needed = points.from_pixels && (options.drop_mixed || options.footprints > 0);
+  const bool tell_blocked = points.from_pixels && options.least_f != nullptr;
+  const bool needed =
+      points.from_pixels && (options.drop_mixed || options.footprints > 0 || tell_blocked);
   if (needed && neighbours == nullptr) {
     neighbours = &own.emplace(points, image.width, image.height);
   }
   if (points.from_pixels && options.drop_mixed) leave_out_mixed(*neighbours, sites);
 
-  const int channels = image.filter == ColorFilter::mono ? 1 : 3;
   BrdfObservations out;
   out.statistics.sites = points.size();
-  std::vector<CellSum> sums(static_cast<std::size_t>(grid.cells()) *
-                            static_cast<std::size_t>(channels));
-  const bool mono = image.filter == ColorFilter::mono;
-  for (std::size_t i = 0; i < sites.size(); ++i) {
-    const SitePoint& point = sites[i];
-    count(out.statistics, point.state());
-    if (!point.lit()) continue;
-    const int site = *site_of(geometry, static_cast<Eigen::Index>(i), image.width, image.height);
-    const int channel = mono ? 0 : channel_at(image.filter, site / image.width, site % image.width);
-    const double a = options.lamp_strength[channel] * double{point.irradiance};
-    const auto at = static_cast<std::size_t>(site);
-    out.statistics.saturated += image.site[at] == RadianceImage::Site::saturated;
-    out.statistics.dark += image.site[at] == RadianceImage::Site::dark;
-    add_site(sums[static_cast<std::size_t>(channel * grid.cells() + point.cell())], image, ambient,
-             at, a);
+  const Sums sums{&geometry, &image, ambient, &options};
+  std::vector<CellSum> black;
+  if (tell_blocked) {
+    const std::vector<std::size_t> blocked =
+        leave_out_blocked(image, ambient, geometry, *neighbours, options, sites);
+    if (!blocked.empty()) black = sums.over(blocked, sites);
+    for (const std::size_t i : blocked) sites[i].set(PointState::blocked);
   }
-  for (int channel = 0; channel < channels; ++channel) {
-    for (int cell = 0; cell < grid.cells(); ++cell) {
-      const CellSum& sum = sums[static_cast<std::size_t>(channel * grid.cells() + cell)];
-      if (sum.measured + sum.dark + sum.saturated == 0) continue;
-      BrdfObservation row = average(sum, options.detection_sigma);
-      row.cell = cell;
-      row.channel = static_cast<std::int8_t>(channel);
-      out.rows.push_back(row);
-    }
+  const std::vector<CellSum> lit = sums.over_all(sites, out.statistics);
+  for (std::size_t i = 0; i < lit.size(); ++i) {
+    if (lit[i].sites() > 0)
+      out.rows.push_back(row_of(lit[i], i, grid, options.detection_sigma));
+    else if (!black.empty() && black[i].sites() > 0)
+      out.black.push_back(row_of(black[i], i, grid, options.detection_sigma));
   }
   if (options.footprints > 0) {
     out.footprints = footprints_of(geometry, image, sites, out.rows, neighbours, options);

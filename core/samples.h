@@ -35,6 +35,8 @@ struct ExtractionStatistics {
   /// Pixels that mix radiances: at a silhouette, a step in depth, a crease or the edge of a shadow.
   std::int64_t boundary = 0;
   std::int64_t off_image = 0;  ///< vertices that project outside the image
+  /// Black where the lamp must show something (ExtractOptions::least_f): the light is blocked.
+  std::int64_t blocked = 0;
 };
 
 struct BrdfObservations {
@@ -42,6 +44,9 @@ struct BrdfObservations {
   ExtractionStatistics statistics;
   /// With ExtractOptions::footprints, of up to so many sites of each row of values.
   std::vector<Footprint> footprints = {};
+  /// Rows of the blocked sites of cells that no other site shows, `below` each, sorted like rows:
+  /// what there would be to say, were the material itself that dark.
+  std::vector<BrdfObservation> black = {};
 };
 
 struct ExtractOptions {
@@ -52,6 +57,11 @@ struct ExtractOptions {
   bool drop_mixed = true;        ///< leave out pixels at silhouettes, creases and edges of shadows
   int footprints = 0;  ///< most sites of a row whose footprints are kept, evenly over its sites
   const PixelNeighbours* neighbours = nullptr;  ///< of the points; null: found for this call alone
+  /// (cells × channels) [1/sr] the least that a known material shows. A lit pixel within
+  /// detection_sigma of no light at all, where this much would be three times as far from it, is
+  /// blocked: something stands before the lamp that the model does not know. It and the pixels
+  /// beside it are left out. Null: a black pixel is a dark material. Points of pixels only.
+  const Eigen::ArrayXXd* least_f = nullptr;
   int threads = 1;
 };
 

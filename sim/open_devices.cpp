@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "config/load_object.h"
+#include "core/shapes.h"
 #include "sim/memory_devices.h"
 #include "sim/world.h"
 
@@ -28,6 +29,18 @@ Mesh misplaced(Mesh mesh, double angle, std::uint64_t seed) {
   return mesh;
 }
 
+/// Both in one.
+Mesh together(const Mesh& a, const Mesh& b) {
+  Mesh both{Eigen::Matrix3Xd(3, a.vertices.cols() + b.vertices.cols()),
+            Eigen::Matrix3Xd(3, a.normals.cols() + b.normals.cols()),
+            Eigen::Matrix3Xi(3, a.triangles.cols() + b.triangles.cols())};
+  both.vertices << a.vertices, b.vertices;
+  both.normals << a.normals, b.normals;
+  const auto first = static_cast<int>(a.vertices.cols());
+  both.triangles << a.triangles, (b.triangles.array() + first).matrix();
+  return both;
+}
+
 }  // namespace
 
 Result<std::shared_ptr<World>> make_world(const Rig& rig, const ObjectConfig& object, Clock& clock,
@@ -37,6 +50,11 @@ Result<std::shared_ptr<World>> make_world(const Rig& rig, const ObjectConfig& ob
   auto loaded = load_object(object);
   if (!loaded) return tl::unexpected(with_context("simulate the rig", loaded.error()));
   Mesh mesh = misplaced(std::move(loaded->mesh), rig.simulation->pose_error, seed);
+  if (rig.simulation->obstacle) {
+    Mesh ball = make_sphere(rig.simulation->obstacle_radius, 1);
+    ball.vertices.colwise() += *rig.simulation->obstacle;
+    mesh = together(mesh, ball);
+  }
   RenderOptions options;
   options.seed = seed;
   return std::make_shared<World>(rig, std::move(mesh), std::move(*truth), clock, seed, options);

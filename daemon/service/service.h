@@ -192,7 +192,7 @@ class Service {
   Result<std::string> finish_resumed(const SessionRecord& record);
   Result<void> add_truth(SessionSpec& spec);
   Result<std::string> run_session(SessionControl& control, const SessionFolder& folder,
-                                  const SessionSpec& spec, const Prepared& prepared);
+                                  const SessionSpec& spec, Prepared& prepared);
   Result<std::string> finish_session(SessionControl& control, const SessionFolder& folder,
                                      const SessionEnd& end);
   Result<std::string> reduce(const SessionFolder& folder);

@@ -131,7 +131,7 @@ Result<std::string> Service::finish_resumed(const SessionRecord& record) {
 }
 
 Result<std::string> Service::run_session(SessionControl& control, const SessionFolder& folder,
-                                         const SessionSpec& spec, const Prepared& prepared) {
+                                         const SessionSpec& spec, Prepared& prepared) {
   {
     const std::lock_guard lock(mutex_);
     session_->folder = folder.root;

@@ -41,6 +41,17 @@ std::optional<CurvePoint> Alongside::wait_for_all(const std::stop_token& stop) {
   return done && !failed_ ? latest_ : std::nullopt;
 }
 
+std::optional<Alongside::Answer> Alongside::replan(ReplanQuestion question,
+                                                   const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  if (failed_) return std::nullopt;
+  question_ = std::move(question);
+  answer_.reset();
+  changed_.notify_all();
+  const bool done = changed_.wait(lock, stop, [this] { return failed_ || !question_.has_value(); });
+  return done && !failed_ ? std::exchange(answer_, std::nullopt) : std::nullopt;
+}
+
 std::string Alongside::take_problem() {
   const std::lock_guard lock(mutex_);
   return std::exchange(problem_, {});
@@ -53,25 +64,52 @@ void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks)
   (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), 10);
   Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks), 1);
   std::unique_lock lock(mutex_);
-  while (changed_.wait(lock, stop, [this] { return !queue_.empty(); })) {
+  while (changed_.wait(lock, stop, [this] { return !queue_.empty() || question_.has_value(); })) {
     if (stop.stop_requested()) return;
-    const CapturedShot shot = std::move(queue_.front());
-    queue_.pop_front();
-    working_ = true;
-    lock.unlock();
-    const Result<void> added = reduction.add(shot);
-    std::optional<CurvePoint> point;
-    if (added) point = reduction.estimate();
-    lock.lock();
-    working_ = false;
-    if (point) {
-      latest_ = *point;
-    } else if (!failed_) {
-      failed_ = true;
-      problem_ = shot.name + ": " + added.error().message;
-    }
+    queue_.empty() ? answer(lock) : reduce_next(reduction, lock);
     changed_.notify_all();
   }
+}
+
+void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& lock) {
+  const CapturedShot shot = std::move(queue_.front());
+  queue_.pop_front();
+  working_ = true;
+  lock.unlock();
+  const Result<void> added = reduction.add(shot);
+  std::optional<CurvePoint> point;
+  std::optional<LightYield> yield;
+  if (added) {
+    point = reduction.estimate();
+    yield = yield_of(prepared_, shot.index, reduction.observations().back(),
+                     rig_.camera.sensor.channels());
+  }
+  lock.lock();
+  working_ = false;
+  if (point) {
+    latest_ = *point;
+    yields_.push_back(std::move(*yield));
+  } else if (!failed_) {
+    failed_ = true;
+    problem_ = shot.name + ": " + added.error().message;
+  }
+}
+
+void Alongside::answer(std::unique_lock<std::mutex>& lock) {
+  const ReplanQuestion question = *question_;
+  working_ = true;
+  lock.unlock();
+  // yields_ is this thread's to change.
+  std::optional<Answer> found;
+  if (yields_.size() >= question.yields) {
+    if (auto changes = lightrig::replan(prepared_, spec_, yields_, question, 1)) {
+      found = Answer{yields_[question.yields - 1], std::move(*changes)};
+    }
+  }
+  lock.lock();
+  working_ = false;
+  answer_ = std::move(found);
+  question_.reset();
 }
 
 }  // namespace lightrig

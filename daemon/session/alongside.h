@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "daemon/session/reduction.h"
+#include "daemon/session/replan.h"
 
 namespace lightrig {
 
@@ -33,11 +34,20 @@ class Alongside {
   /// The estimate over all that was added; waits for it. Empty when stopped, failed or nothing was
   /// added.
   std::optional<CurvePoint> wait_for_all(const std::stop_token& stop);
+  /// What the first lights added gave (question.yields of them), and whether others should take the
+  /// place of those still open; waits for both. Empty when stopped, failed, or the plan may stand.
+  struct Answer {
+    LightYield last;
+    Replan changes;
+  };
+  std::optional<Answer> replan(ReplanQuestion question, const std::stop_token& stop);
   /// The first failure, once; "" when there is none.
   std::string take_problem();
 
  private:
   void run(const std::stop_token& stop, std::vector<StoredFrame> darks);
+  void reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& lock);
+  void answer(std::unique_lock<std::mutex>& lock);
 
   const Rig& rig_;
   const SessionSpec& spec_;
@@ -50,6 +60,9 @@ class Alongside {
   bool failed_ = false;
   std::string problem_;
   std::optional<CurvePoint> latest_;
+  std::vector<LightYield> yields_;  ///< of the shots added, in order
+  std::optional<ReplanQuestion> question_;
+  std::optional<Answer> answer_;
   std::jthread thread_;  ///< last: it uses all of the above
 };
 

@@ -49,6 +49,7 @@ CaptureRun::CaptureRun(const CaptureTools& tools, Journal journal, Captured capt
       store_(tools.folder, tools.rig.camera.sensor),
       alongside_(tools.rig, tools.spec, tools.prepared, tools.folder),
       predicted_(capture_time(tools.rig, tools.spec, tools.prepared.plan)),
+      decided_(captured_.shots.size() < 2 ? 0 : captured_.shots.size() - 2),
       began_(tools.clock.now()),
       elapsed_before_(captured_.elapsed_s) {}
 
@@ -89,25 +90,24 @@ Result<Ending> CaptureRun::story() {
   if (auto done = ensure_darks(); !done) return tl::unexpected(done.error());
   alongside_.start(captured_.darks);
   for (const CapturedShot& shot : captured_.shots) alongside_.add(shot);
-  const std::vector<int>& order = t_.prepared.plan.visit_order;
-  const bool complete =
-      std::ranges::all_of(order, [this](int index) { return is_captured(index); });
-  if (resumed && !complete) {
+  if (resumed && next_light()) {
     auto differs = compare_reference();
     if (!differs) return tl::unexpected(differs.error());
     if (*differs) return **differs;
   }
-  for (const int index : order) {
-    if (is_captured(index)) continue;
+  while (true) {
+    if (auto looked = replan_after_losses(); !looked) return tl::unexpected(looked.error());
+    const std::optional<int> next = next_light();
+    if (!next) break;
     if (auto fine = watch_conditions(); !fine) return tl::unexpected(fine.error());
-    auto ending = capture_next(index);
+    auto ending = capture_next(*next);
     if (!ending) return tl::unexpected(ending.error());
     if (*ending) return **ending;
   }
   if (auto collected = collect_shot(); !collected) return tl::unexpected(collected.error());
   if (auto fine = watch_lamp(); !fine) return tl::unexpected(fine.error());
-  return Ending{SessionOutcome::done,
-                fmt::format("all {} lights of the plan are captured", order.size())};
+  return Ending{SessionOutcome::done, fmt::format("all {} lights of the plan are captured",
+                                                  t_.prepared.plan.shots.size())};
 }
 
 Result<void> CaptureRun::home() {

@@ -23,7 +23,7 @@ struct CaptureTools {
   const SessionFolder& folder;
   const Rig& rig;
   const SessionSpec& spec;
-  const Prepared& prepared;
+  Prepared& prepared;  ///< its plan changes where the session replans
   Devices& devices;
   Clock& clock;
   SessionControl& control;
@@ -50,7 +50,8 @@ struct TakenShot {
 };
 
 /// One call of capture(). The story is told in capture_run.cpp, one shot in capture_shot.cpp,
-/// waiting and recovering in capture_recover.cpp, what else it waits for in capture_watch.cpp.
+/// waiting and recovering in capture_recover.cpp, what else it waits for in capture_watch.cpp, the
+/// second look at the plan in capture_replan.cpp.
 class CaptureRun {
  public:
   CaptureRun(const CaptureTools& tools, Journal journal, Captured captured);
@@ -73,6 +74,11 @@ class CaptureRun {
   SessionEnd finish(const Result<Ending>& ending);
   bool end_dark();
   std::string save_what_is_in_hand();
+
+  // The rest of the plan.
+  std::optional<int> next_light() const;
+  Result<void> replan_after_losses();
+  Result<void> replan_after(std::size_t last);
 
   // One shot.
   Result<void> approach(int index);
@@ -130,6 +136,9 @@ class CaptureRun {
   Alongside alongside_;
   CaptureTime predicted_;
   std::optional<TakenShot> pending_;  ///< in the store, not journaled
+  /// Of the captured shots so many have been asked what they mean for the rest of the plan. Of
+  /// those of an earlier part all but the last two were, before the next but one was begun.
+  std::size_t decided_ = 0;
   TimePoint began_;
   double elapsed_before_ = 0;  ///< [s] of earlier parts
   std::string activity_;

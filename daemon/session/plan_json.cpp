@@ -274,6 +274,36 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
   return json_text(json, 1) + "\n";
 }
 
+Json replanned_json(const Plan& plan, const std::vector<int>& lights) {
+  Json list = Json::array();
+  for (const int index : lights) {
+    Json light{{"index", index}};
+    light.update(light_json(plan.shots[static_cast<std::size_t>(index)]));
+    list.push_back(std::move(light));
+  }
+  return {{"lights", std::move(list)}, {"visit_order", plan.visit_order}};
+}
+
+Result<void> apply_replanned(const Json& event, Plan& plan) {
+  std::string problem;
+  const JsonCursor root(event, problem);
+  for (const JsonCursor& light : root["lights"].items()) {
+    const int index = light["index"].small_integer();
+    if (index < 0 || static_cast<std::size_t>(index) >= plan.shots.size()) {
+      light["index"].reject(fmt::format("is not one of {} lights", plan.shots.size()));
+      continue;
+    }
+    plan.shots[static_cast<std::size_t>(index)] = shot_of(light);
+  }
+  plan.visit_order.clear();
+  for (const JsonCursor& index : root["visit_order"].items()) {
+    plan.visit_order.push_back(index.small_integer());
+  }
+  check_order(plan.visit_order, plan.shots.size(), root["visit_order"]);
+  if (!problem.empty()) return fail(ErrorCode::invalid_input, problem);
+  return {};
+}
+
 Result<void> check_made_for(const Plan& plan, const Prepared& prepared) {
   std::string other;
   if (plan.inputs.mesh != mesh_hash(prepared.object.mesh)) other = "another object";

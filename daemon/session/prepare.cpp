@@ -20,6 +20,52 @@
 #include "drivers/backends.h"
 
 namespace lightrig {
+
+SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                          const GantryPosition& position) {
+  const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, position);
+  return spec.plan.points == PointSource::pixels
+             ? points_of_pixels(prepared.object.mesh, *prepared.occluder, camera,
+                                spec.plan.pixel_stride)
+             : points_of_vertices(prepared.object.mesh, *prepared.occluder, camera);
+}
+
+double angle_between(const LightPosition& a, const LightPosition& b,
+                     const Eigen::Vector3d& middle) {
+  const Eigen::Vector3d u = a.direction_from(middle), v = b.direction_from(middle);
+  return 2 * std::asin(std::min(1.0, 0.5 * (u - v).norm()));
+}
+
+Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLight& selected) {
+  const Candidate& candidate = prepared.candidates[static_cast<std::size_t>(selected.candidate)];
+  Shot shot;
+  shot.candidate = selected.candidate;
+  shot.light = candidate.light;
+  shot.gantry = candidate.gantry;
+  shot.exposures = spec.bracket.exposures;
+  shot.selection = selected;
+  return shot;
+}
+
+bool may_stop_early(const SessionSpec& spec) {
+  return spec.stop.predicted_error_percent || spec.stop.minutes || spec.stop.lights;
+}
+
+std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const Plan& plan) {
+  std::vector<int> order;
+  if (may_stop_early(spec)) {
+    for (const bool held_out : {true, false}) {
+      for (std::size_t i = 0; i < plan.shots.size(); ++i) {
+        if (plan.shots[i].held_out == held_out) order.push_back(static_cast<int>(i));
+      }
+    }
+    return order;
+  }
+  std::vector<GantryPosition> stops;
+  for (const Shot& shot : plan.shots) stops.push_back(shot.gantry);
+  return order_route(rig.gantry.model, home_position(rig.gantry.model), stops);
+}
+
 namespace {
 
 /// Notes how long each stage took.
@@ -121,16 +167,6 @@ Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock&
   for (Material& material : prepared.materials) material.azimuth.resize(0, 0);  // taken up
   clock.done("basis");
   return {};
-}
-
-/// What the camera sees at a position of the gantry.
-SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
-                          const GantryPosition& position) {
-  const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, position);
-  return spec.plan.points == PointSource::pixels
-             ? points_of_pixels(prepared.object.mesh, *prepared.occluder, camera,
-                                spec.plan.pixel_stride)
-             : points_of_vertices(prepared.object.mesh, *prepared.occluder, camera);
 }
 
 Result<void> look_at_object(const Rig& rig, const SessionSpec& spec, Prepared& prepared,
@@ -258,15 +294,6 @@ std::uint64_t split_mix(std::uint64_t x) {
   return x ^ (x >> 31U);
 }
 
-constexpr double held_out_distance = 0.17453292519943295;  // [rad] 10° from every planned light
-
-/// Angle between two lamp positions as the object's middle sees them [rad].
-double angle_between(const LightPosition& a, const LightPosition& b,
-                     const Eigen::Vector3d& middle) {
-  const Eigen::Vector3d u = a.direction_from(middle), v = b.direction_from(middle);
-  return 2 * std::asin(std::min(1.0, 0.5 * (u - v).norm()));
-}
-
 /// Lights that are captured to test the result and never fitted: drawn with the seed from those
 /// that show at least half as many cells as the richest candidate and, where there are such, stand
 /// clear of every planned light, so that the test is not of a light just seen.
@@ -295,35 +322,6 @@ std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& sp
     taken.push_back(held_out.back());
   }
   return held_out;
-}
-
-Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLight& selected) {
-  const Candidate& candidate = prepared.candidates[static_cast<std::size_t>(selected.candidate)];
-  Shot shot;
-  shot.candidate = selected.candidate;
-  shot.light = candidate.light;
-  shot.gantry = candidate.gantry;
-  shot.exposures = spec.bracket.exposures;
-  shot.selection = selected;
-  return shot;
-}
-
-/// The quickest way round; but a session that may stop early takes its lights by worth, after the
-/// held-out ones, so that whenever it stops it has the best of the plan and something to test it
-/// by.
-std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const Plan& plan) {
-  std::vector<int> order;
-  if (spec.stop.predicted_error_percent || spec.stop.minutes || spec.stop.lights) {
-    for (const bool held_out : {true, false}) {
-      for (std::size_t i = 0; i < plan.shots.size(); ++i) {
-        if (plan.shots[i].held_out == held_out) order.push_back(static_cast<int>(i));
-      }
-    }
-    return order;
-  }
-  std::vector<GantryPosition> stops;
-  for (const Shot& shot : plan.shots) stops.push_back(shot.gantry);
-  return order_route(rig.gantry.model, home_position(rig.gantry.model), stops);
 }
 
 Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_force,

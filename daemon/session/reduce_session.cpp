@@ -101,6 +101,7 @@ void describe_session(const SessionRecord& record, const Reduction& reduction, i
   r.plan_stop = describe(record.plan);
   r.stop_fired = stop_fired(record);
   r.capture_cost = capture_cost(record);
+  r.replans = replans_of(record);
   r.arithmetic = arithmetic(threads);
   r.floor = basis.mapping.floor;
   r.model_sigma = basis.model_sigma;

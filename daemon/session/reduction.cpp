@@ -4,7 +4,10 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <iterator>
+#include <limits>
+#include <numeric>
 #include <thread>
 #include <utility>
 
@@ -94,6 +97,81 @@ Result<void> write_radiance(const std::filesystem::path& folder, const std::stri
   return write_durably(folder / (name + ".exr"), *bytes);
 }
 
+/// The least that any material of the basis shows in each cell, over its channels [1/sr]; 0 where
+/// none has a value.
+Eigen::ArrayXXd least_shown(const std::vector<Material>& materials, const BrdfBasis& basis) {
+  Eigen::ArrayXXd least = Eigen::ArrayXXd::Zero(basis.grid.cells(), 1);
+  for (int cell = 0; cell < basis.grid.cells() && !materials.empty(); ++cell) {
+    double f = std::numeric_limits<double>::infinity();
+    for (const Material& material : materials)
+      f = std::min(f, material.table.f.row(cell).minCoeff());
+    if (basis.valid[static_cast<std::size_t>(cell)] != 0 && std::isfinite(f)) least(cell, 0) = f;
+  }
+  return least;
+}
+
+double blocked_share(const ExtractionStatistics& s) {
+  const std::int64_t used =
+      s.sites - s.unlit - s.shadowed - s.grazing - s.invalid_cell - s.boundary - s.off_image;
+  return used > 0 ? static_cast<double>(s.blocked) / static_cast<double>(used) : 0;
+}
+
+/// The light's observations with these rows, in their order; footprints go with theirs, which stand
+/// first and as before.
+BrdfObservations with_rows(const BrdfObservations& from, std::vector<BrdfObservation> rows,
+                           const std::vector<std::size_t>& kept) {
+  BrdfObservations all = from;
+  all.rows = std::move(rows);
+  std::vector<std::size_t> order = kept;
+  std::ranges::sort(
+      order, {}, [&](std::size_t i) { return std::pair(all.rows[i].channel, all.rows[i].cell); });
+  std::vector<std::int32_t> place(all.rows.size(), -1);
+  std::vector<BrdfObservation> sorted;
+  for (const std::size_t i : order) {
+    place[i] = static_cast<std::int32_t>(sorted.size());
+    sorted.push_back(all.rows[i]);
+  }
+  for (Footprint& footprint : all.footprints) {
+    footprint.row = place[static_cast<std::size_t>(footprint.row)];
+  }
+  std::erase_if(all.footprints, [](const Footprint& footprint) { return footprint.row < 0; });
+  all.rows = std::move(sorted);
+  return all;
+}
+
+/// Black rows as what they would be, were the material that dark.
+BrdfObservations with_black(const BrdfObservations& from) {
+  std::vector<BrdfObservation> rows = from.rows;
+  rows.insert(rows.end(), from.black.begin(), from.black.end());
+  std::vector<std::size_t> all(rows.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  return with_rows(from, std::move(rows), all);
+}
+
+/// Where something is in the way, dark pixels that might be in its shadow bound nothing.
+BrdfObservations without_dark(const BrdfObservations& from) {
+  std::vector<std::size_t> kept;
+  for (std::size_t i = 0; i < from.rows.size(); ++i) {
+    if (from.rows[i].kind != BrdfObservation::Kind::below) kept.push_back(i);
+  }
+  return with_rows(from, from.rows, kept);
+}
+
+/// What stands before the lamp darkens some lights, a dark material all of them: where most lights
+/// are mostly black, black is what the material is.
+std::vector<BrdfObservations> believed_of(const std::vector<BrdfObservations>& measured) {
+  constexpr double in_the_way = 0.01;  // of the lit pixels: less may be the pose
+  const auto mostly_black = std::ranges::count_if(
+      measured, [](const BrdfObservations& o) { return blocked_share(o.statistics) > 0.5; });
+  const bool dark_material = 2 * static_cast<std::size_t>(mostly_black) > measured.size();
+  std::vector<BrdfObservations> believed;
+  for (const BrdfObservations& one : measured) {
+    const bool blocked = blocked_share(one.statistics) > in_the_way;
+    believed.push_back(dark_material ? with_black(one) : blocked ? without_dark(one) : one);
+  }
+  return believed;
+}
+
 }  // namespace
 
 struct Reduction::State {
@@ -106,7 +184,9 @@ struct Reduction::State {
 
   BrdfBasis basis;            ///< the fit's; its model error is what the data showed
   double expected_sigma = 0;  ///< model error before any data, mapped units
+  Eigen::ArrayXXd least_f;    ///< (cells × 1) [1/sr] of any material of the basis, 0: unknown
   std::optional<std::vector<Frame>> darks;
+  std::optional<RowSpans> spans;  ///< of the object in the picture, where it looks always alike
   std::vector<ImageSites> sites;  ///< one; on a turntable one per shot
   std::optional<PixelNeighbours>
       neighbours;                          ///< of the shot in hand, or of all where all look alike
@@ -138,6 +218,10 @@ Result<RadianceImage> Reduction::State::merge(const std::vector<StoredFrame>& st
   Stopwatch merging("merge", cost);
   MergeOptions merge_options;
   merge_options.threads = options.threads;
+  // Pictures and stored radiance show all of the image; samples are of the object alone.
+  if (spans && !options.pictures && options.radiance.empty() && !rig->camera.demosaic) {
+    merge_options.spans = &*spans;
+  }
   return merge_hdr(*frames, *darks, rig->camera.sensor, merge_options);
 }
 
@@ -160,6 +244,7 @@ void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImag
     neighbours.emplace(points, image.width, image.height);
   }
   extraction.neighbours = neighbours ? &*neighbours : nullptr;
+  extraction.least_f = &least_f;
   if (spec->estimator == Estimator::map) extraction.footprints = footprints_per_row;
   const auto observe = rig->camera.demosaic ? extract_demosaiced : extract;
   measured.push_back(observe(image, ambient, points, camera, reduced.light, basis.grid, basis.valid,
@@ -202,6 +287,11 @@ Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& pr
     state_->basis = truncated(prepared.fit_basis, pseudo_inverse_components);
   }
   state_->expected_sigma = state_->basis.model_sigma;
+  state_->least_f = least_shown(prepared.materials, prepared.fit_basis);
+  if (prepared.points.from_pixels && prepared.turned_points.empty()) {
+    const CameraModel& camera = rig.camera.model;
+    state_->spans = spans_of_sites(prepared.points.source, camera.width, camera.height);
+  }
 }
 
 Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
@@ -251,7 +341,8 @@ Result<void> Reduction::add(const CapturedShot& shot) {
 CurvePoint Reduction::estimate() {
   State& s = *state_;
   Stopwatch fitting("fit", s.cost);
-  const std::vector<BrdfObservations> fitted = s.chosen(s.measured, false);
+  const std::vector<BrdfObservations> believed = believed_of(s.measured);
+  const std::vector<BrdfObservations> fitted = s.chosen(believed, false);
   FitOptions fit_options;
   fit_options.estimator = s.spec->estimator;
   fit_options.model_sigma = s.expected_sigma;
@@ -261,7 +352,7 @@ CurvePoint Reduction::estimate() {
   s.coefficients = std::move(adapted.coefficients);
   s.basis.model_sigma = adapted.model_sigma;
   for (std::size_t i = 0; i < s.measured.size(); ++i) {
-    s.observations[i] = refined(s.measured[i], s.basis, azimuths, s.coefficients);
+    s.observations[i] = refined(believed[i], s.basis, azimuths, s.coefficients);
     s.observations[i].footprints.clear();
   }
   fitting.stop();

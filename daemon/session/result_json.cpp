@@ -61,7 +61,8 @@ Json to_json(const ExtractionStatistics& s) {
           {"grazing", s.grazing},
           {"invalid_cell", s.invalid_cell},
           {"saturated", s.saturated},
-          {"dark", s.dark}};
+          {"dark", s.dark},
+          {"blocked", s.blocked}};
 }
 
 Json to_json(const LightResult& light) {
@@ -96,6 +97,17 @@ Json to_json(const std::vector<LeftOutLine>& lines, const std::vector<std::strin
   }
   json["drivers_not_opened"] = drivers;
   return json;
+}
+
+Json to_json(const std::vector<ReplanNote>& notes) {
+  Json list = Json::array();
+  for (const ReplanNote& note : notes) {
+    list.push_back({{"reason", note.reason},
+                    {"lights", note.lights},
+                    {"planned_error_percent", number(note.planned_percent)},
+                    {"predicted_error_percent", number(note.percent)}});
+  }
+  return list;
 }
 
 Json method(const SessionResult& r) {
@@ -140,6 +152,7 @@ std::string result_json(const SessionResult& r) {
             {"scale", r.absolute_scale ? "absolute" : "nominal"},
             {"unit", "1/sr"},
             {"stop", {{"planned", r.plan_stop}, {"fired", r.stop_fired}}},
+            {"replanned", to_json(r.replans)},
             {"method", method(r)}};
   json["predicted_error_percent"] = number(r.reconstruction.predicted_error_percent);
   json["predicted_interval_90_percent"] = {number(r.reconstruction.predicted_low_percent),

@@ -21,9 +21,8 @@ SessionEnd not_begun(Devices& devices, Clock& clock, const Error& error) {
 }  // namespace
 
 SessionEnd capture(const SessionFolder& folder, const Rig& rig, const SessionSpec& spec,
-                   const Prepared& prepared, Devices& devices, Clock& clock,
-                   SessionControl& control, const SessionListeners& listeners,
-                   const ReopenDevices& reopen) {
+                   Prepared& prepared, Devices& devices, Clock& clock, SessionControl& control,
+                   const SessionListeners& listeners, const ReopenDevices& reopen) {
   auto journal = Journal::open(folder.journal());
   if (!journal) return not_begun(devices, clock, journal.error());
   auto captured = captured_of(journal->replayed());

@@ -103,14 +103,15 @@ Result<SessionFolder> create_session(const Rig& rig, const SessionSpec& spec,
 
 /// Captures what the folder's journal does not yet hold: home, dark frames, then each shot in visit
 /// order — move, settle, verify, ambient, metering, bracket, verify, store, journal — reducing
-/// alongside. Returns when done, stopped, paused with no way on, aborted or faulted; the lamp is
-/// dark then, or the end says LAMP MAY BE ON. Resuming is calling it again: after homing, a
-/// reference frame is compared with the last shot's. Frames that no journal entry vouches for are
-/// moved to rejected/. Without `reopen` a lost device ends the session.
+/// alongside. Where a light lost rows that the plan counted on, lights still to come may give way
+/// to others; `prepared` and the journal then hold the plan as it has become [replan.h]. Returns
+/// when done, stopped, paused with no way on, aborted or faulted; the lamp is dark then, or the end
+/// says LAMP MAY BE ON. Resuming is calling it again: after homing, a reference frame is compared
+/// with the last shot's. Frames that no journal entry vouches for are moved to rejected/. Without
+/// `reopen` a lost device ends the session.
 SessionEnd capture(const SessionFolder& folder, const Rig& rig, const SessionSpec& spec,
-                   const Prepared& prepared, Devices& devices, Clock& clock,
-                   SessionControl& control, const SessionListeners& listeners,
-                   const ReopenDevices& reopen = {});
+                   Prepared& prepared, Devices& devices, Clock& clock, SessionControl& control,
+                   const SessionListeners& listeners, const ReopenDevices& reopen = {});
 
 /// Takes a shot back, so that the next capture() takes it anew; its frames go to rejected/. Errors:
 /// not_found when no such shot is captured, refused while the session is being captured.

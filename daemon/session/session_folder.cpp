@@ -201,6 +201,14 @@ Result<SessionRecord> read_session_folder(const fs::path& root) {
   if (!replay) return in_folder(replay.error());
   auto captured = captured_of(replay->events);
   if (!captured) return in_folder(captured.error());
+  for (const JournalEvent& event : replay->events) {
+    if (event.event != "replanned") continue;
+    if (auto taken_up = apply_replanned(event.fields, record.plan); !taken_up) {
+      return in_folder(
+          {ErrorCode::invalid_input, fmt::format("journal event {} (replanned): {}", event.sequence,
+                                                 taken_up.error().message)});
+    }
+  }
   for (const CapturedShot& shot : captured->shots) {
     if (shot.index < 0 || static_cast<std::size_t>(shot.index) >= record.plan.shots.size() ||
         shot_name(record.plan, shot.index) != shot.name) {

@@ -62,8 +62,8 @@ struct SessionRecord {
   std::string id;  ///< as begun; the folder may have been renamed or copied since
   Rig rig;
   SessionSpec spec;
-  Plan plan;
-  std::vector<StoredFrame> darks;   ///< lamp-off frames common to all shots
+  Plan plan;                       ///< plan.json with what the journal's `replanned` events changed
+  std::vector<StoredFrame> darks;  ///< lamp-off frames common to all shots
   std::vector<CapturedShot> shots;  ///< in order of capture
   std::string state;                ///< "capturing", "paused", "done", "aborted", "faulted"
   bool sealed = false;              ///< by its last event; the manifest is written after that

@@ -29,6 +29,13 @@ struct LightResult {
   ExtractionStatistics statistics;
 };
 
+/// Lights that took the place of others while the session was captured.
+struct ReplanNote {
+  std::string reason;                       ///< the light that lost rows, and how
+  std::vector<std::string> lights;          ///< their names
+  double planned_percent = 0, percent = 0;  ///< predicted error as planned, and with these
+};
+
 /// What as many lights, or none, would have given.
 struct Baselines {
   double mean_only_percent = 0;
@@ -57,6 +64,7 @@ struct SessionResult {
   std::string reference;  ///< what the true error is against
   Baselines baselines;
   std::vector<LightResult> lights;
+  std::vector<ReplanNote> replans;
   std::vector<LeftOutLine> left_out;
   std::vector<std::string> drivers_not_opened;
   std::vector<StageCost> capture_cost;  ///< on the rig

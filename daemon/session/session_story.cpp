@@ -1,6 +1,7 @@
 #include "daemon/session/session_story.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <set>
@@ -83,7 +84,23 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
     lines.push_back(fmt::format("{} of {} planned lights are not in this result ({}).", missing,
                                 record.plan.shots.size(), record.state));
   }
+  for (const ReplanNote& note : result.replans) {
+    lines.push_back(fmt::format(
+        "{}: {} were chosen anew, for a predicted error of {:.2f} % instead of {:.2f} %.",
+        note.reason, fmt::join(note.lights, ", "), note.percent, note.planned_percent));
+  }
   for (const LightResult& light : result.lights) {
+    const ExtractionStatistics& s = light.statistics;
+    const std::int64_t shown =
+        s.sites - s.unlit - s.shadowed - s.grazing - s.invalid_cell - s.boundary - s.off_image;
+    if (100 * s.blocked > shown) {
+      lines.push_back(fmt::format(
+          "{}: {} of {} lit pixels were as dark as without the lamp, where the darkest material of "
+          "the basis would show: look for what stands between lamp and sample. If nothing does, "
+          "the "
+          "sample is darker than all of them: add dark materials to the basis.",
+          light.shot.name, s.blocked, shown));
+    }
     const std::int64_t used = light.rows_value + light.rows_censored;
     if (used > 0 && 10 * light.rows_censored > 3 * used) {
       lines.push_back(fmt::format(
@@ -135,6 +152,25 @@ std::vector<LightResult> light_results(const Reduction& reduction, const Plan& p
     }
   }
   return lights;
+}
+
+std::vector<ReplanNote> replans_of(const SessionRecord& record) {
+  std::vector<ReplanNote> notes;
+  for (const JournalEvent& event : record.events) {
+    if (event.event != "replanned") continue;
+    ReplanNote note;
+    note.reason = event.fields.value("reason", std::string());
+    for (const auto& light : event.fields["lights"]) {
+      note.lights.push_back(shot_name(record.plan, light["index"].get<int>()));
+    }
+    if (event.fields.contains("predicted_error_percent")) {
+      const auto& predicted = event.fields["predicted_error_percent"];
+      note.planned_percent = predicted.value("as_planned", 0.0);
+      note.percent = predicted.value("replanned", 0.0);
+    }
+    notes.push_back(std::move(note));
+  }
+  return notes;
 }
 
 std::string stop_fired(const SessionRecord& record) {

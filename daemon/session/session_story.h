@@ -22,6 +22,9 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
 /// Per light: what was planned of it, what came of it.
 std::vector<LightResult> light_results(const Reduction& reduction, const Plan& plan);
 
+/// What the journal says of lights chosen anew, in order.
+std::vector<ReplanNote> replans_of(const SessionRecord& record);
+
 /// Why the capture ended where it did, in one sentence.
 std::string stop_fired(const SessionRecord& record);
 

@@ -147,6 +147,33 @@ TEST(MergeHdr, GivesTheSameImageOnAnyNumberOfThreads) {
   EXPECT_EQ(merge_hdr(bracket, {}, s, one)->L, merge_hdr(bracket, {}, s, three)->L);
 }
 
+TEST(MergeHdr, MergesTheSpansItIsGivenAsAnyOtherAndSaysNothingOfTheRest) {
+  const SensorModel s = test_sensor();
+  std::mt19937_64 random(12);
+  const std::vector<Frame> bracket = {draw(s, 1, 0.01, 61, random), draw(s, 1, 0.1, 61, random)};
+  // An empty row, one site, a row's both ends, and several in no order.
+  const std::vector<std::int32_t> sites{61 + 5, 2 * 61, 2 * 61 + 60, 4 * 61 + 9, 4 * 61 + 3};
+  const RowSpans spans = spans_of_sites(sites, 61, 61);
+  EXPECT_EQ(spans.begin[0], spans.end[0]);
+  MergeOptions some;
+  some.spans = &spans;
+  some.threads = 2;
+  const RadianceImage all = *merge_hdr(bracket, {}, s, {}), part = *merge_hdr(bracket, {}, s, some);
+  int merged = 0;
+  for (int i = 0; i < 61 * 61; ++i) {
+    const int row = i / 61, column = i % 61;
+    const bool inside = row == 1   ? column == 5
+                        : row == 2 ? true
+                                   : row == 4 && column >= 3 && column <= 9;
+    const auto at = static_cast<std::size_t>(i);
+    merged += inside ? 1 : 0;
+    EXPECT_EQ(part.L[at], inside ? all.L[at] : 0.0F) << row << ", " << column;
+    EXPECT_EQ(part.site[at], inside ? all.site[at] : RadianceImage::Site::saturated);
+    EXPECT_EQ(part.variance[at], inside ? all.variance[at] : HUGE_VALF);
+  }
+  EXPECT_EQ(merged, 1 + 61 + 7);
+}
+
 TEST(MergeHdr, SurvivesExposureRatiosOfAMillion) {
   const SensorModel s = test_sensor();
   std::mt19937_64 random(12);

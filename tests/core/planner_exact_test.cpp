@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
@@ -11,6 +12,7 @@
 #include "core/fit.h"
 #include "core/planner.h"
 #include "core/planner_kernels.h"
+#include "core/planner_rows.h"
 #include "core/surface_points.h"
 #include "planner_scene.h"
 
@@ -219,6 +221,60 @@ TEST(LightPlanner, ChoosesAgainAndAgainWhatSelectLightsChooses) {
     EXPECT_TRUE(same(select_lights(problem.basis, problem.bins, again), planner.select(again)))
         << "seed " << seed;
     EXPECT_TRUE(same(planner.select(problem.options), first)) << "seed " << seed;
+  }
+}
+
+TEST(SelectLights, GoesOnFromRowsOfAnyWorthAsBruteForceDoes) {
+  for (std::uint64_t seed = 0; seed < 300; ++seed) {
+    SmallProblem problem = small_problem(seed);
+    const Eigen::MatrixXd& V = problem.basis.V;
+    Eigen::MatrixXd had(1 + static_cast<Eigen::Index>(seed % 9), V.cols());
+    for (Eigen::Index r = 0; r < had.rows(); ++r) {
+      const auto n = static_cast<Eigen::Index>(seed) + 7 * r;
+      had.row(r) = std::sqrt(0.1 + 0.09 * static_cast<double>(n % 10)) * V.row(n % V.rows());
+    }
+    problem.options.had = had;
+    LightPlanner planner(problem.basis, problem.bins, problem.options);
+    const Selection fast = planner.select(problem.options);
+    SelectionOptions nothing = problem.options, brute = problem.options;
+    nothing.had.resize(0, 0);
+    brute.brute_force = true;
+    ASSERT_TRUE(same(fast, select_lights(problem.basis, problem.bins, brute))) << "seed " << seed;
+    // What one plan stood on is forgotten by the next.
+    ASSERT_TRUE(same(planner.select(nothing), select_lights(problem.basis, problem.bins, nothing)))
+        << "seed " << seed;
+  }
+}
+
+TEST(LightPlanner, CountsRowsHadAsItCountsTheLightThatShowedThem) {
+  for (std::uint64_t seed = 0; seed < 60; ++seed) {
+    SmallProblem problem = small_problem(seed);
+    problem.options.already = {2};
+    const SelectedLight by_light =
+        LightPlanner(problem.basis, problem.bins, problem.options).judge(problem.options);
+    const Selection after = select_lights(problem.basis, problem.bins, problem.options);
+    // The same rows without the light: given as rows, and its cells taken out of the others.
+    const auto cells = problem.bins.of(2);
+    const CellRows rows(problem.basis);
+    problem.options.had = rows.gather(cells);
+    problem.options.already.clear();
+    if (problem.options.excluded.empty()) {
+      problem.options.excluded.assign(static_cast<std::size_t>(problem.bins.candidates()), 0);
+    }
+    problem.options.excluded[2] = 1;
+    CandidateBins left{problem.bins.grid, {0}, {}};
+    for (int i = 0; i < problem.bins.candidates(); ++i) {
+      for (const std::int32_t cell : problem.bins.of(i)) {
+        if (!std::ranges::binary_search(cells, cell)) left.cell.push_back(cell);
+      }
+      left.offset.push_back(static_cast<std::int64_t>(left.cell.size()));
+    }
+    LightPlanner planner(problem.basis, left, problem.options);
+    const SelectedLight by_rows = planner.judge(problem.options);
+    EXPECT_EQ(by_rows.rank, by_light.rank) << "seed " << seed;
+    EXPECT_NEAR(by_rows.score / by_light.score, 1, 1e-9) << "seed " << seed;
+    EXPECT_NEAR(by_rows.predicted_error_percent / by_light.predicted_error_percent, 1, 1e-9);
+    EXPECT_TRUE(same(planner.select(problem.options), after)) << "seed " << seed;
   }
 }
 

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -115,6 +116,48 @@ TEST_F(Extract, LeavesOutPixelsThatMixObjectAndBackground) {
     worst = std::max(worst, std::abs(row.f - 0.2));
   }
   EXPECT_GT(worst, 0.02);
+}
+
+TEST_F(Extract, LeavesOutWhatSomethingUnknownShadowsAndWhatIsBesideIt) {
+  const RadianceImage whole = lambert(Eigen::Array3d::Constant(0.2), ColorFilter::mono);
+  RadianceImage image = whole;
+  // A post's shadow: black, with edges half as bright.
+  for (std::size_t at = 0; at < image.L.size(); ++at) {
+    const std::size_t column = at % 160;
+    if (column >= 88 && column <= 102) image.L[at] = 0;
+    if (column == 87 || column == 103) image.L[at] /= 2;
+    image.variance[at] = 1e-6F;
+  }
+  const Eigen::ArrayXXd least_f = Eigen::ArrayXXd::Constant(grid_.cells(), 1, 0.1);
+  options_.least_f = &least_f;
+  const BrdfObservations found = run(image);
+  EXPECT_GT(found.statistics.blocked, 500);
+  for (const BrdfObservation& row : found.rows) {
+    EXPECT_NEAR(row.f, 0.2, 1e-5);
+    EXPECT_EQ(row.kind, BrdfObservation::Kind::value);
+  }
+  // What is left of it is kept apart: cells that only the shadow shows.
+  EXPECT_GT(found.black.size(), 10U);
+  for (const BrdfObservation& row : found.black) {
+    EXPECT_EQ(row.kind, BrdfObservation::Kind::below);
+    EXPECT_FALSE(std::ranges::any_of(
+        found.rows, [&](const BrdfObservation& other) { return other.cell == row.cell; }));
+  }
+  // Where known materials are dark themselves, or nothing is known of them, black is a value.
+  const Eigen::ArrayXXd dark = Eigen::ArrayXXd::Constant(grid_.cells(), 1, 1e-4);
+  options_.least_f = &dark;
+  EXPECT_EQ(run(image).statistics.blocked, 0);
+  options_.least_f = nullptr;
+  const BrdfObservations believed = run(image);
+  EXPECT_EQ(believed.statistics.blocked, 0);
+  EXPECT_TRUE(std::ranges::any_of(believed.rows, [](const BrdfObservation& row) {
+    return row.kind == BrdfObservation::Kind::below;
+  }));
+  // Without a shadow nothing is left out.
+  options_.least_f = &least_f;
+  EXPECT_EQ(run(whole).rows.size(),
+            run(lambert(Eigen::Array3d::Constant(0.2), ColorFilter::mono)).rows.size());
+  EXPECT_EQ(run(whole).statistics.blocked, 0);
 }
 
 TEST_F(Extract, TurnsFullCellsIntoLowerBoundsAndDarkOnesIntoUpperBounds) {

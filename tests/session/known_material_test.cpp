@@ -26,7 +26,7 @@ TEST(KnownMaterial, ComesBackFromTheFolderAlone) {
                        {"width_px = 48", "width_px = 320"},
                        {"height_px = 36", "height_px = 240"},
                        {"fx_px = 300", "fx_px = 2000"}});
-  const auto prepared = prepare(rig, spec_of(rig));
+  auto prepared = prepare(rig, spec_of(rig));
   ASSERT_TRUE(prepared) << prepared.error().message;
   const auto folder = create_session(rig, spec_of(rig), *prepared, "s");
   ASSERT_TRUE(folder) << folder.error().message;
@@ -58,7 +58,7 @@ TEST_P(StopRuleOf, EndsTheSessionEarlyAndTheFolderSaysWhy) {
   const Rig rig = small_rig(
       scratch.path(), {{"max_lights = 3", "max_lights = 8"},
                        {"[session]", fmt::format("[stop]\n{}\n\n[session]", GetParam().rule)}});
-  const auto prepared = prepare(rig, spec_of(rig));
+  auto prepared = prepare(rig, spec_of(rig));
   ASSERT_TRUE(prepared) << prepared.error().message;
   const auto folder = create_session(rig, spec_of(rig), *prepared, "s");
   ASSERT_TRUE(folder);
@@ -82,7 +82,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(StopConfig, EndsTheSessionEarlyWhenEnoughLightsAreCaptured) {
   const Scratch scratch;
   const Rig rig = small_rig(scratch.path(), {{"[session]", "[stop]\nlights = 2\n\n[session]"}});
-  const auto prepared = prepare(rig, spec_of(rig));
+  auto prepared = prepare(rig, spec_of(rig));
   ASSERT_TRUE(prepared) << prepared.error().message;
   // The held-out light first, then by worth: whenever it ends, what counts most is captured.
   EXPECT_EQ(prepared->plan.visit_order, (std::vector<int>{3, 0, 1, 2}));

@@ -177,7 +177,8 @@ ReopenDevices Laboratory::reopen() {
 
 SessionEnd capture_in(const SessionFolder& folder, Laboratory& laboratory, SessionControl& control,
                       const SessionListeners& listeners) {
-  return capture(folder, laboratory.rig, spec_of(laboratory.rig), small_plan(), laboratory.devices,
+  Prepared prepared = small_plan();
+  return capture(folder, laboratory.rig, spec_of(laboratory.rig), prepared, laboratory.devices,
                  *laboratory.clock, control, listeners, laboratory.reopen());
 }
 

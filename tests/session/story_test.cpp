@@ -57,7 +57,7 @@ class Story : public testing::Test {
     ASSERT_TRUE(rig.value);
     const auto spec = read_session("", *rig.value);
     ASSERT_TRUE(spec.value);
-    const auto prepared = prepare(*rig.value, *spec.value);
+    auto prepared = prepare(*rig.value, *spec.value);
     ASSERT_TRUE(prepared) << prepared.error().message;
     planned_ = planned_left_out(*prepared);
     const auto folder = create_session(*rig.value, *spec.value, *prepared, "story");

@@ -1,0 +1,240 @@
+// A light that loses rows changes what is captured after it.
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "daemon/session/durable_file.h"
+#include "daemon/session/plan_json.h"
+#include "daemon/session/reduction.h"
+#include "daemon/session/replan.h"
+#include "tests/session/capture_fixture.h"
+
+namespace lightrig {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+constexpr RigChange five_lights{"max_lights = 3", "max_lights = 5"};
+
+/// The plan of five lights, computed once.
+const Prepared& five_light_plan() {
+  static const Prepared prepared = [] {
+    const Scratch scratch;
+    const Rig rig = small_rig(scratch.path(), {five_lights});
+    return prepare(rig, spec_of(rig)).value();
+  }();
+  return prepared;
+}
+
+/// The first fitted light of the way.
+int first_light() {
+  const Plan& plan = five_light_plan().plan;
+  for (const int index : plan.visit_order) {
+    if (!plan.shots[static_cast<std::size_t>(index)].held_out) return index;
+  }
+  return -1;
+}
+
+/// A rig before whose first light a ball stands that nothing but the simulated laboratory knows.
+Rig blocked_rig(const fs::path& folder, bool replan,
+                const std::string& truth = "polystyrene-maroon") {
+  const Shot& shot = five_light_plan().plan.shots[static_cast<std::size_t>(first_light())];
+  const Eigen::Vector3d at = 0.2 * shot.light.p.normalized();
+  return small_rig(folder, {five_lights,
+                            {"polystyrene-maroon", truth},
+                            {"ambient_w_per_m2_sr = 0.002",
+                             fmt::format("ambient_w_per_m2_sr = 0.002\nobstacle_m = [{}, {}, {}]\n"
+                                         "obstacle_radius_mm = 35",
+                                         at.x(), at.y(), at.z())},
+                            {"held_out_lights = 1", fmt::format("held_out_lights = 1\nreplan = {}\n"
+                                                                "random_baseline = false",
+                                                                replan)}});
+}
+
+/// As after a restart: the plan is what the folder says it has become.
+Prepared as_resumed(const SessionFolder& folder) {
+  Prepared prepared = five_light_plan();
+  const SessionRecord record = read_session_folder(folder.root).value();
+  prepared.plan = record.plan;
+  for (Shot& shot : prepared.plan.shots) {
+    shot.light = prepared.candidates[static_cast<std::size_t>(shot.candidate)].light;
+  }
+  return prepared;
+}
+
+SessionEnd capture_blocked(const SessionFolder& folder, const Rig& rig) {
+  Laboratory laboratory(rig);
+  SessionControl control;
+  Prepared prepared = as_resumed(folder);
+  return capture(folder, rig, spec_of(rig), prepared, laboratory.devices, *laboratory.clock,
+                 control, {}, laboratory.reopen());
+}
+
+std::vector<JournalEvent> replans_of(const SessionFolder& folder) {
+  std::vector<JournalEvent> events = replay_journal(folder.journal()).value().events;
+  std::erase_if(events, [](const JournalEvent& event) { return event.event != "replanned"; });
+  return events;
+}
+
+std::string replans_text(const SessionFolder& folder) {
+  std::string text;
+  for (const JournalEvent& event : replans_of(folder)) text += event.fields.dump() + "\n";
+  return text;
+}
+
+class Replanning : public testing::Test {
+ protected:
+  SessionFolder session(const Rig& rig, const std::string& id) {
+    return create_session(rig, spec_of(rig), five_light_plan(), id).value();
+  }
+  const Scratch scratch_, other_;
+};
+
+TEST_F(Replanning, AfterALightThatWasBlockedOthersAreTaken) {
+  const Rig changing = blocked_rig(scratch_.path(), true),
+            fixed = blocked_rig(other_.path(), false);
+  const SessionFolder replanned = session(changing, "r"), as_planned = session(fixed, "p");
+  ASSERT_EQ(capture_blocked(replanned, changing).outcome, SessionOutcome::done);
+  ASSERT_EQ(capture_blocked(as_planned, fixed).outcome, SessionOutcome::done);
+  ASSERT_FALSE(replans_of(replanned).empty());
+  EXPECT_TRUE(replans_of(as_planned).empty());
+
+  const JournalEvent event = replans_of(replanned).front();
+  EXPECT_EQ(event.fields["after"], shot_name(five_light_plan().plan, first_light()));
+  EXPECT_THAT(event.fields["reason"].get<std::string>(), HasSubstr("bins lost"));
+  EXPECT_GT(event.fields["lost"]["missing"].get<int>(),
+            event.fields["lost"]["planned_bins"].get<int>() / 10);
+  EXPECT_LT(event.fields["predicted_error_percent"]["replanned"].get<double>(),
+            event.fields["predicted_error_percent"]["as_planned"].get<double>());
+
+  // What was captured is what the plan has become, and the light that tests it is untouched.
+  const SessionRecord record = read_session_folder(replanned.root).value();
+  const SessionRecord before = read_session_folder(as_planned.root).value();
+  ASSERT_EQ(record.shots.size(), before.shots.size());
+  std::set<int> candidates;
+  for (const Shot& shot : record.plan.shots) candidates.insert(shot.candidate);
+  EXPECT_EQ(candidates.size(), record.plan.shots.size()) << "a light was taken twice";
+  EXPECT_EQ(record.plan.shots.back().candidate, before.plan.shots.back().candidate);
+  EXPECT_TRUE(record.plan.shots.back().held_out);
+  for (const JournalEvent& captured : record.events) {
+    if (captured.event != "shot") continue;
+    const auto index = captured.fields["index"].get<std::size_t>();
+    EXPECT_EQ(captured.fields["candidate"], record.plan.shots[index].candidate);
+  }
+}
+
+TEST_F(Replanning, OverTruthsItLeavesLessErrorThanThePlanAsItWas) {
+  double with = 0, without = 0;
+  for (const char* truth : {"polystyrene-maroon", "brass-satin"}) {
+    for (const bool replan : {true, false}) {
+      const Rig rig = blocked_rig(replan ? scratch_.path() : other_.path(), replan, truth);
+      const SessionFolder folder = session(rig, truth);
+      ASSERT_EQ(capture_blocked(folder, rig).outcome, SessionOutcome::done);
+      EXPECT_EQ(replans_of(folder).empty(), !replan);
+      const auto summary = reduce_session(folder.root, "", 2);
+      ASSERT_TRUE(summary) << summary.error().message;
+      (replan ? with : without) += summary->true_error.percent_log / 2;
+    }
+  }
+  fmt::print("mean true error {:.2f} % replanned, {:.2f} % as planned\n", with, without);
+  EXPECT_LT(with, without);
+}
+
+TEST_F(Replanning, ASessionThatIsCutDecidesAsOneThatIsNot) {
+  const Rig rig = blocked_rig(scratch_.path(), true);
+  const SessionFolder whole = session(rig, "whole");
+  ASSERT_EQ(capture_blocked(whole, rig).outcome, SessionOutcome::done);
+  const std::string expected = comparable_text(whole), decided = replans_text(whole);
+  ASSERT_FALSE(decided.empty());
+  const std::string journal = read_file(whole.journal()).value();
+  int line = 0;
+  for (std::size_t at = journal.find('\n'); at != std::string::npos;
+       at = journal.find('\n', at + 1)) {
+    if (++line % 3 != 0) continue;
+    const SessionFolder folder{rig.session_root / fmt::format("cut{}", at)};
+    fs::copy(whole.root, folder.root, fs::copy_options::recursive);
+    fs::resize_file(folder.journal(), at + 1);
+    const SessionEnd end = capture_blocked(folder, rig);
+    ASSERT_EQ(end.outcome, SessionOutcome::done) << "cut at " << at << ": " << end.reason;
+    EXPECT_TRUE(comparable_text(folder) == expected) << "cut at " << at;
+    EXPECT_EQ(replans_text(folder), decided) << "cut at " << at;
+    fs::remove_all(folder.root);
+  }
+}
+
+TEST_F(Replanning, APlanThatLosesNothingStandsAsItWasReviewed) {
+  const Rig rig = small_rig(scratch_.path(), {five_lights});
+  const SessionFolder folder = session(rig, "s");
+  ASSERT_EQ(capture_blocked(folder, rig).outcome, SessionOutcome::done);
+  EXPECT_TRUE(replans_of(folder).empty()) << replans_text(folder);
+}
+
+/// What a light gave when all its planned bins but these gave a good row.
+LightYield yield_without(const Prepared& prepared, int shot, double share, bool saturated) {
+  const auto candidate = prepared.plan.shots[static_cast<std::size_t>(shot)].candidate;
+  const auto cells = prepared.bins.of(candidate);
+  BrdfObservations observed;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const bool lost = static_cast<double>(i) < share * static_cast<double>(cells.size());
+    if (lost && !saturated) continue;
+    BrdfObservation row;
+    row.cell = cells[i];
+    row.kind = lost ? BrdfObservation::Kind::above : BrdfObservation::Kind::value;
+    row.f = 0.1;
+    row.variance = 1e-8;
+    observed.rows.push_back(row);
+  }
+  return yield_of(prepared, shot, observed, 1);
+}
+
+TEST(Replan, CountsNoMoreOnBinsThatWereTooBrightNorOnBlockedOnesFromNearby) {
+  const Prepared& prepared = five_light_plan();
+  const Scratch scratch;
+  const SessionSpec spec = spec_of(small_rig(scratch.path(), {five_lights}));
+  const Eigen::Vector3d middle = prepared.points.position.rowwise().mean();
+  for (const bool saturated : {false, true}) {
+    const std::vector<LightYield> yields{yield_without(prepared, 0, 0.9, saturated)};
+    EXPECT_TRUE(lost_rows(yields[0]));
+    EXPECT_EQ(saturated ? yields[0].saturated : yields[0].missing, yields[0].lost());
+    const auto found = replan(prepared, spec, yields, {1, {}, {1, 2, 3, 4}}, 1);
+    if (!found) continue;
+    EXPECT_EQ(found->lights.size(), 4U);
+    EXPECT_LT(found->percent, found->planned_percent);
+    for (const auto& [index, light] : found->lights) {
+      const Shot& held_out = prepared.plan.shots.back();
+      const LightPosition& position =
+          prepared.candidates[static_cast<std::size_t>(light.candidate)].light;
+      EXPECT_NE(light.candidate, prepared.plan.shots[0].candidate);
+      EXPECT_GE(angle_between(position, held_out.light, middle), held_out_distance);
+    }
+  }
+  // Nothing lost, or nothing left to change: the plan stands.
+  const std::vector<LightYield> whole{yield_without(prepared, 0, 0, false)};
+  EXPECT_FALSE(lost_rows(whole[0]));
+  EXPECT_FALSE(replan(prepared, spec, whole, {1, {}, {1, 2, 3, 4}}, 1));
+  const std::vector<LightYield> lost{yield_without(prepared, 0, 1, false)};
+  EXPECT_FALSE(replan(prepared, spec, lost, {1, {1, 2, 3, 4}, {}}, 1));
+}
+
+TEST(Replan, WhatTheJournalSaysOfItIsReadBack) {
+  const Prepared& prepared = five_light_plan();
+  Plan plan = prepared.plan;
+  std::swap(plan.shots[1], plan.shots[2]);
+  plan.visit_order = {5, 4, 3, 2, 1, 0};
+  Plan read = prepared.plan;
+  ASSERT_TRUE(apply_replanned(replanned_json(plan, {1, 2}), read));
+  EXPECT_EQ(read.visit_order, plan.visit_order);
+  EXPECT_EQ(read.shots[1].candidate, plan.shots[1].candidate);
+  EXPECT_EQ(read.shots[2].light.p, plan.shots[2].light.p);
+  auto wrong = replanned_json(plan, {1});
+  wrong["lights"][0]["index"] = 9;
+  const auto refused = apply_replanned(wrong, read);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("lights[0].index is not one of 6 lights"));
+}
+
+}  // namespace
+}  // namespace lightrig
