@@ -249,19 +249,21 @@ TEST(SelectLights, GoesOnFromRowsOfAnyWorthAsBruteForceDoes) {
 TEST(LightPlanner, CountsRowsHadAsItCountsTheLightThatShowedThem) {
   for (std::uint64_t seed = 0; seed < 60; ++seed) {
     SmallProblem problem = small_problem(seed);
-    problem.options.already = {2};
+    int shown = 0;
+    while (problem.bins.of(shown).size() < 2) ++shown;
+    problem.options.already = {shown};
     const SelectedLight by_light =
         LightPlanner(problem.basis, problem.bins, problem.options).judge(problem.options);
     const Selection after = select_lights(problem.basis, problem.bins, problem.options);
     // The same rows without the light: given as rows, and its cells taken out of the others.
-    const auto cells = problem.bins.of(2);
+    const auto cells = problem.bins.of(shown);
     const CellRows rows(problem.basis);
     problem.options.had = rows.gather(cells);
     problem.options.already.clear();
     if (problem.options.excluded.empty()) {
       problem.options.excluded.assign(static_cast<std::size_t>(problem.bins.candidates()), 0);
     }
-    problem.options.excluded[2] = 1;
+    problem.options.excluded[static_cast<std::size_t>(shown)] = 1;
     CandidateBins left{problem.bins.grid, {0}, {}};
     for (int i = 0; i < problem.bins.candidates(); ++i) {
       for (const std::int32_t cell : problem.bins.of(i)) {
