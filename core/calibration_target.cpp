@@ -7,6 +7,9 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
+#include <utility>
+
+#include "core/corner_model.h"
 
 namespace lightrig {
 namespace {
@@ -89,7 +92,6 @@ Result<TargetCorners> find_charuco(const cv::Mat& image, const CalibrationTarget
                             "lit, and the board be the one described",
                             marker_ids.size(), corners.size(), target.columns, target.rows,
                             fewest_corners));
-  // Refined already, in windows that keep clear of the markers.
   TargetCorners out;
   for (std::size_t i = 0; i < corners.size(); ++i) {
     out.pixel.emplace_back(double{corners[i].x}, double{corners[i].y});
@@ -114,8 +116,11 @@ Result<TargetCorners> find_corners(const GreyImage& image, const CalibrationTarg
   std::copy(image.pixels.begin(), image.pixels.end(), pixels.ptr<std::uint8_t>(0));
   cv::setNumThreads(1);  // its threads would outlive the call
   try {
-    return target.kind == CalibrationTarget::Kind::charuco ? find_charuco(pixels, target)
-                                                           : find_checkerboard(pixels, target);
+    auto corners = target.kind == CalibrationTarget::Kind::charuco
+                       ? find_charuco(pixels, target)
+                       : find_checkerboard(pixels, target);
+    if (!corners) return corners;
+    return refined(image, target, std::move(*corners));
   } catch (const cv::Exception& e) {
     return fail(ErrorCode::not_found, fmt::format("looking for the target failed: {}", e.what()));
   }
