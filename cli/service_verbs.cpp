@@ -14,6 +14,7 @@
 #include "cli/verbs.h"
 #include "config/json_text.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/pose_check.h"
 #include "daemon/session/pose_overlay.h"
 #include "daemon/session/session_folder.h"
 
@@ -265,6 +266,26 @@ int sessions(const ServiceOptions& options) {
   return 0;
 }
 
+/// How the object lies in a frame that was just taken with the lamp, in words.
+std::string pose_line(const ServiceClient& client, const std::string& png, const Rig& rig,
+                      const Prepared& prepared, bool just_lit) {
+  if (!just_lit)
+    return "whether the object lies as modelled is told of a frame taken with the lamp: add "
+           "--exposure S --lamp";
+  const auto status = client.get_json("/v1/status");
+  if (!status) return "pose: " + status.error().message;
+  const Json at = part(part(part(*status, "devices"), "gantry"), "position");
+  GantryPosition position;
+  position.axes.resize(static_cast<Eigen::Index>(at.size()));
+  for (std::size_t i = 0; i < at.size(); ++i)
+    position.axes[static_cast<Eigen::Index>(i)] = at[i].is_number() ? at[i].get<double>() : 0;
+  if (at.size() != rig.gantry.model.axes.size()) return "pose: the gantry's position is not known";
+  const auto pose = pose_in_preview(png, rig, prepared, position);
+  if (!pose) return "pose: " + pose.error().message;
+  if (!pose->told) return "pose: not told, too little of the object is seen or lit";
+  return (wrong(*pose) ? "POSE: " + pose_reason(*pose) : "pose: as modelled, " + in_words(*pose));
+}
+
 int snap(const SnapOptions& options) {
   const ServiceClient client(options.service);
   if (options.exposure > 0) {
@@ -299,7 +320,8 @@ int snap(const SnapOptions& options) {
                     fmt::format("{:.0f}, {:.0f}", one.pixel.x(), one.pixel.y()),
                     fmt::format("{:.1f}°", one.off * 180 / std::numbers::pi)});
   say(table({"light", "highlight at column, row", "from the mirror direction"}, rows) +
-      "last frame with the model's outline (green) and highlights (rings) written to " +
+      pose_line(client, *png, *files.rig.value, *prepared, options.exposure > 0 && options.lamp) +
+      "\nlast frame with the model's outline (green) and highlights (rings) written to " +
       options.output);
   return 0;
 }

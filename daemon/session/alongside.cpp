@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "daemon/session/pose_check.h"
 
 namespace lightrig {
 
@@ -15,8 +16,9 @@ Alongside::Alongside(const Rig& rig, const SessionSpec& spec, const Prepared& pr
 
 Alongside::~Alongside() = default;
 
-void Alongside::start(std::vector<StoredFrame> darks) {
+void Alongside::start(std::vector<StoredFrame> darks, bool judge_pose) {
   CHECK(!thread_.joinable());
+  pose_wanted_ = judge_pose;
   thread_ = std::jthread(
       [this, held = std::move(darks)](const std::stop_token& stop) { run(stop, held); });
 }
@@ -52,6 +54,14 @@ std::optional<Alongside::Answer> Alongside::replan(ReplanQuestion question,
   return done && !failed_ ? std::exchange(answer_, std::nullopt) : std::nullopt;
 }
 
+Result<PoseFit> Alongside::wait_for_pose(const std::string& shot, const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  const bool known = changed_.wait(
+      lock, stop, [&] { return pose_ && (pose_of_ == shot || (*pose_ && (*pose_)->told)); });
+  if (!known) return fail(ErrorCode::stopped, "looking for the object's pose was stopped");
+  return *pose_;
+}
+
 std::string Alongside::take_problem() {
   const std::lock_guard lock(mutex_);
   return std::exchange(problem_, {});
@@ -75,7 +85,17 @@ void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& 
   const CapturedShot shot = std::move(queue_.front());
   queue_.pop_front();
   working_ = true;
+  const bool judge = pose_wanted_;
   lock.unlock();
+  if (judge) {
+    const Result<PoseFit> pose = check_pose(rig_, prepared_, folder_, shot);
+    lock.lock();
+    pose_ = pose;
+    pose_of_ = shot.name;
+    pose_wanted_ = pose && !pose->told;
+    changed_.notify_all();
+    lock.unlock();
+  }
   const Result<void> added = reduction.add(shot);
   std::optional<CurvePoint> point;
   std::optional<LightYield> yield;

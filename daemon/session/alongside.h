@@ -8,6 +8,7 @@
 #include <string>
 #include <thread>
 
+#include "core/pose_fit.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/replan.h"
 
@@ -25,8 +26,9 @@ class Alongside {
   Alongside(const Alongside&) = delete;
   Alongside& operator=(const Alongside&) = delete;
 
-  /// Begins, once the dark frames are known.
-  void start(std::vector<StoredFrame> darks);
+  /// Begins, once the dark frames are known. With `judge_pose` shots are looked at for the object's
+  /// pose, before anything else, until one has told it.
+  void start(std::vector<StoredFrame> darks, bool judge_pose);
   void add(CapturedShot shot);
 
   /// The newest estimate.
@@ -41,6 +43,9 @@ class Alongside {
     Replan changes;
   };
   std::optional<Answer> replan(ReplanQuestion question, const std::stop_token& stop);
+  /// How the object lies, by the first shot added that tells it, or, where none up to the shot of
+  /// this name does, by that; waits for it. Errors: stopped, and those of reading the frames.
+  Result<PoseFit> wait_for_pose(const std::string& shot, const std::stop_token& stop);
   /// The first failure, once; "" when there is none.
   std::string take_problem();
 
@@ -63,6 +68,9 @@ class Alongside {
   std::vector<LightYield> yields_;  ///< of the shots added, in order
   std::optional<ReplanQuestion> question_;
   std::optional<Answer> answer_;
+  bool pose_wanted_ = false;
+  std::optional<Result<PoseFit>> pose_;
+  std::string pose_of_;  ///< the shot that it was judged by
   std::jthread thread_;  ///< last: it uses all of the above
 };
 

@@ -51,7 +51,8 @@ CaptureRun::CaptureRun(const CaptureTools& tools, Journal journal, Captured capt
       predicted_(capture_time(tools.rig, tools.spec, tools.prepared.plan)),
       decided_(captured_.shots.size() < 2 ? 0 : captured_.shots.size() - 2),
       began_(tools.clock.now()),
-      elapsed_before_(captured_.elapsed_s) {}
+      elapsed_before_(captured_.elapsed_s),
+      pose_(pose_standing(journal_.replayed())) {}
 
 SessionEnd CaptureRun::run() {
   const auto begun = begin();
@@ -88,7 +89,7 @@ Result<Ending> CaptureRun::story() {
   const bool resumed = !captured_.shots.empty();
   if (auto done = home(); !done) return tl::unexpected(done.error());
   if (auto done = ensure_darks(); !done) return tl::unexpected(done.error());
-  alongside_.start(captured_.darks);
+  alongside_.start(captured_.darks, !pose_.looked);
   for (const CapturedShot& shot : captured_.shots) alongside_.add(shot);
   if (resumed && next_light()) {
     auto differs = compare_reference();
@@ -105,6 +106,7 @@ Result<Ending> CaptureRun::story() {
     if (*ending) return **ending;
   }
   if (auto collected = collect_shot(); !collected) return tl::unexpected(collected.error());
+  if (auto looked = look_at_pose(false); !looked) return tl::unexpected(looked.error());
   if (auto fine = watch_lamp(); !fine) return tl::unexpected(fine.error());
   return Ending{SessionOutcome::done, fmt::format("all {} lights of the plan are captured",
                                                   t_.prepared.plan.shots.size())};
@@ -228,6 +230,7 @@ Result<std::optional<Ending>> CaptureRun::capture_next(int index) {
   auto there = persevere("move to " + name, [&] { return approach(index); });
   if (!there) return tl::unexpected(there.error());
   if (auto collected = collect_shot(); !collected) return tl::unexpected(collected.error());
+  if (auto looked = look_at_pose(true); !looked) return tl::unexpected(looked.error());
   if (auto ending = early_ending()) return ending;
   bool first = true;
   auto taken = persevere("capture " + name, [&]() -> Result<TakenShot> {
@@ -263,6 +266,30 @@ Result<void> CaptureRun::collect_shot() {
   if (const std::string problem = alongside_.take_problem(); !problem.empty()) {
     return note("reduction_failed", {{"reason", problem}});
   }
+  return {};
+}
+
+/// Once a session, by its first light that tells, lamp dark and before the next shines: where the
+/// object does not lie as modelled, a person says whether to go on.
+Result<void> CaptureRun::look_at_pose(bool more_to_come) {
+  if (captured_.shots.empty()) return {};
+  if (!pose_.looked) {
+    say("looking how the object lies");
+    const std::string& shot = captured_.shots.back().name;
+    const auto pose = alongside_.wait_for_pose(shot, t_.control.stop_token());
+    if (!pose && hand_.stop_requested()) return tl::unexpected(pose.error());
+    if (pose && !pose->told && more_to_come) return {};  // the next light may show more
+    Json fields = pose ? pose_fields(*pose, shot)
+                       : Json{{"name", shot}, {"told", false}, {"reason", pose.error().message}};
+    if (auto noted = note("pose", std::move(fields)); !noted) return noted;
+    pose_ = {!pose || pose->told, pose && wrong(*pose) ? pose_reason(*pose) : ""};
+  }
+  if (pose_.held.empty() || !more_to_come) return {};
+  auto paused = pause("condition", pose_.held, [this](bool word) -> Result<bool> {
+    return word || t_.control.stop_after_shot_requested();
+  });
+  if (!paused) return paused;
+  pose_.held.clear();
   return {};
 }
 

@@ -12,6 +12,7 @@
 #include "daemon/session/frame_store.h"
 #include "daemon/session/light_witness.h"
 #include "daemon/session/lit_sites.h"
+#include "daemon/session/pose_check.h"
 #include "daemon/session/retry.h"
 #include "daemon/session/session.h"
 #include "daemon/session/session_upkeep.h"
@@ -69,6 +70,7 @@ class CaptureRun {
   Result<std::optional<Ending>> capture_next(int index);
   std::optional<Ending> early_ending();
   Result<void> collect_shot();
+  Result<void> look_at_pose(bool more_to_come);
   CapturedShot describe(std::vector<StoredFrame> stored) const;
   nlohmann::ordered_json shot_fields(const CapturedShot& captured) const;
   SessionEnd finish(const Result<Ending>& ending);
@@ -149,6 +151,7 @@ class CaptureRun {
   int lamp_doubts_ = 0;        ///< in a row, that a picture raised against what the lamp says
   std::string lamp_doubt_;     ///< the last of them
   std::optional<StoredFrame> drift_reference_;
+  PoseStanding pose_;
   Error dark_problem_;  ///< why the lamp could not be switched off, if so
 };
 

@@ -12,6 +12,7 @@
 
 #include "core/half_diff.h"
 #include "daemon/session/frame_file.h"
+#include "daemon/session/pose_check.h"
 
 namespace lightrig {
 namespace {
@@ -142,6 +143,36 @@ Result<std::vector<std::byte>> overlay_png(const std::string& png, const Rig& ri
     draw_ring((one.pixel.array() + 0.5) / scale - 0.5, held ? held_colour : ring_colour, *picture);
   }
   return encode_png(picture->width, picture->height, 3, picture->pixels);
+}
+
+Result<PoseFit> pose_in_preview(const std::string& png, const Rig& rig, const Prepared& prepared,
+                                const GantryPosition& at) {
+  const auto picture = decoded(png);
+  if (!picture) return tl::unexpected(picture.error());
+  CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, at);
+  if (extent_in_picture(prepared.object.mesh, camera) < least_pose_pixels) return PoseFit{};
+  // A pixel of the preview shows one green site of a mosaic out of so many, not their mean.
+  const ColorFilter filter = rig.camera.sensor.filter;
+  const int step = camera.width / picture->width;
+  const int column = filter != ColorFilter::mono && channel_at(filter, 0, 0) != 1 ? 1 : 0;
+  camera.width = picture->width;
+  camera.height = picture->height;
+  camera.fx /= step;
+  camera.fy /= step;
+  camera.cx = (camera.cx - column) / step;
+  camera.cy /= step;
+  LitPicture lit{picture->width, picture->height, {}, {}};
+  for (std::size_t i = 0; i < picture->pixels.size(); i += 3) {
+    const double tone = picture->pixels[i + 1] / 255.0;
+    const bool white = picture->pixels[i] == 255 && tone == 0;  // drawn red
+    // Tones are rounded, and what they are of is gamma-coded.
+    const double grain = 2.2 * std::pow(tone + 0.5 / 255, 1.2) / 255;
+    lit.value.push_back(static_cast<float>(std::pow(tone, 2.2)));
+    lit.variance.push_back(white ? std::numeric_limits<float>::infinity()
+                                 : static_cast<float>(grain * grain + 1e-8));
+  }
+  return fit_pose(lit, prepared.object.mesh, *prepared.occluder, camera,
+                  light_at(rig.gantry.model, at), 1);
 }
 
 }  // namespace lightrig

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "config/rig.h"
+#include "core/pose_fit.h"
 #include "daemon/session/prepare.h"
 
 namespace lightrig {
@@ -25,5 +26,11 @@ std::vector<ExpectedHighlight> expected_highlights(const Rig& rig, const Prepare
 /// pose. Errors: invalid_input for what is no PNG or has another aspect.
 Result<std::vector<std::byte>> overlay_png(const std::string& png, const Rig& rig,
                                            const Prepared& prepared);
+
+/// How the object lies in such a picture, lit from where the gantry stands: the figure that a
+/// session checks at its start [pose_check.h], from an eighth of the tones. Errors: as of
+/// overlay_png().
+Result<PoseFit> pose_in_preview(const std::string& png, const Rig& rig, const Prepared& prepared,
+                                const GantryPosition& at);
 
 }  // namespace lightrig

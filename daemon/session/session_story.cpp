@@ -56,6 +56,10 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
     if (held_out_as_asked(remark) || (description && !repaired(prepared.object.repairs))) continue;
     lines.push_back(remark);
   }
+  for (const JournalEvent& event : record.events)
+    if (event.event == "pose" && event.fields.contains("reason"))
+      lines.push_back("At " + event.fields.value("name", std::string()) + ": " +
+                      event.fields.value("reason", std::string()));
   if (!result.absolute_scale) {
     lines.emplace_back(
         "The scale is nominal: it rests on the lamp strength and sensor response written in the "

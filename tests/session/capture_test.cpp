@@ -23,7 +23,7 @@ TEST_F(CaptureTest, AWholeSessionIsCapturedJournaledAndReadBackFromItsFolderAlon
   EXPECT_FALSE(end.lamp_may_be_on);
   EXPECT_THAT(events_of(folder),
               testing::ElementsAre("opened", "started", "homed", "dark", "shot", "shot", "shot",
-                                   "shot", "lamp_dark", "ended"));
+                                   "shot", "pose", "lamp_dark", "ended"));
   // Elsewhere, without the rig file it came from.
   const fs::path elsewhere = scratch_.path() / "elsewhere" / "copy";
   fs::create_directories(elsewhere.parent_path());

@@ -1,0 +1,276 @@
+// Does the pose check of a session's start flag a pose that is off, and let a right one pass?
+// Seeded cases: rigs of the demo's make, built-in shapes, any of the built-in materials, any light
+// of the plan; the laboratory's own renderer and sensor, which share no code with the check, and
+// the exposures that the session's metering would choose. Every case is judged as it should lie,
+// turned by 1° about an axis in a random direction (of a body of revolution: across its axis, since
+// about it nothing changes; a sphere is not turned), and shifted by 2 % of its size in a random
+// direction. Last a line of key=value figures.
+//
+//     pose_cases [--cases 100] [--seed 1] [--shape teapot|torus|cylinder|sphere|plane|all] [--width
+//     640] [--first] [--verbose]
+//
+// --first: begin with the light that the plan's route visits first.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <ctime>
+#include <map>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "config/read_rig.h"
+#include "core/builtin_materials.h"
+#include "core/merge_hdr.h"
+#include "daemon/session/capture_time.h"
+#include "daemon/session/lit_sites.h"
+#include "daemon/session/pose_check.h"
+#include "sim/sensor_noise.h"
+#include "sim/shading.h"
+#include "sim/truth.h"
+#include "tests/paths.h"
+
+namespace {
+
+using namespace lightrig;
+
+constexpr double degree = std::numbers::pi / 180;
+
+struct Options {
+  int cases = 100, width = 640;
+  unsigned seed = 1;
+  std::string shape = "all";
+  bool first = false, verbose = false;
+};
+
+struct Scene {
+  Rig rig;
+  SessionSpec spec;
+  Prepared prepared;
+};
+
+Scene scene_of(const std::string& shape, int width) {
+  auto rig = read_rig(std::string(test::source_dir) + "/config/demo.toml");
+  Rig r = *rig.value;
+  CameraModel& camera = r.camera.model;
+  const double scale = static_cast<double>(width) / camera.width;
+  camera.width = width;
+  camera.height = static_cast<int>(std::lround(camera.height * scale));
+  camera.fx *= scale;
+  camera.fy *= scale;
+  camera.cx = (camera.cx + 0.5) * scale - 0.5;
+  camera.cy = (camera.cy + 0.5) * scale - 0.5;
+  auto spec = *read_session("", r).value;
+  spec.object.shape = shape;
+  spec.plan.random_baseline = false;
+  spec.plan.pixel_stride = std::max(1, width / 160);
+  auto prepared = prepare(r, spec);
+  if (!prepared) {
+    fmt::print("{}: {}\n", shape, prepared.error().message);
+    std::exit(1);
+  }
+  return {std::move(r), std::move(spec), std::move(*prepared)};
+}
+
+Eigen::Vector3d somewhere(std::mt19937_64& random) {
+  std::normal_distribution<double> normal(0, 1);
+  Eigen::Vector3d v;
+  for (Eigen::Index i = 0; i < 3; ++i) v[i] = normal(random);
+  return v.normalized();
+}
+
+struct Box {
+  Eigen::Vector3d middle;
+  double size;
+};
+
+Box box_of(const Mesh& mesh) {
+  const Eigen::Vector3d low = mesh.vertices.rowwise().minCoeff();
+  const Eigen::Vector3d high = mesh.vertices.rowwise().maxCoeff();
+  return {(low + high) / 2, (high - low).maxCoeff()};
+}
+
+Eigen::Isometry3d about(const Eigen::Vector3d& middle, const Eigen::AngleAxisd& turn) {
+  return Eigen::Translation3d(middle) * turn * Eigen::Translation3d(-middle);
+}
+
+/// The frames a session would take of the object moved.
+struct Taken {
+  std::vector<Frame> lit, dark;
+};
+
+Taken taken(const Scene& scene, int shot, const BuiltinMaterial& material,
+            const Eigen::Isometry3d& motion, std::uint64_t seed) {
+  Mesh moved = scene.prepared.object.mesh;
+  moved.vertices = (motion.linear() * moved.vertices).colwise() + motion.translation();
+  moved.normals = motion.linear() * moved.normals;
+  const SensorModel& sensor = scene.rig.camera.sensor;
+  const CameraModel& camera = scene.rig.camera.model;
+  const sim::Renderer renderer(std::move(moved), camera, sensor.filter, material.reflectance,
+                               {2, 2, seed});
+  const Shot& planned = scene.prepared.plan.shots[static_cast<std::size_t>(shot)];
+  const auto radiance = *renderer.render(planned.light, scene.rig.lamp.strength, {});
+  std::uint64_t frames = 0;
+  const auto expose = [&](const sim::SiteRadiance& sites, double t) {
+    const std::uint64_t words[] = {frames};
+    return Frame{*sim::expose_sensor(sensor, camera.width, camera.height, sites, t,
+                                     sim::derive_key(seed, words), 2, {}),
+                 t, ++frames};
+  };
+  Taken out;
+  const std::vector<double>& offered = scene.spec.bracket.exposures;
+  const double metering = metering_exposure(offered);
+  out.lit.push_back(expose(radiance, metering));
+  const ExposureChoice choice =
+      choose_exposures(out.lit[0], lit_sites(scene.rig, scene.spec, scene.prepared, shot), offered,
+                       sensor, scene.spec.bracket.target_snr);
+  for (const double t : choice.exposures)
+    if (t != metering) out.lit.push_back(expose(radiance, t));
+  out.dark.push_back(expose(sim::SiteRadiance(radiance.size(), 0.0F), offered.back()));
+  return out;
+}
+
+struct Tally {
+  int right = 0, false_flags = 0, turned = 0, missed_turns = 0, shifted = 0, missed_shifts = 0;
+  int untold = 0;
+  double seconds = 0;
+  int fits = 0;
+};
+
+double cpu_seconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
+
+std::optional<bool> told(const Scene& scene, int shot, const BuiltinMaterial& material,
+                         const Eigen::Isometry3d& motion, std::uint64_t seed,
+                         const Options& options, const char* what, Tally& tally) {
+  const Taken frames = taken(scene, shot, material, motion, seed);
+  const double begin = cpu_seconds();
+  const PoseFit fit = judge_pose(scene.rig, scene.prepared, shot, frames.lit, frames.dark).value();
+  const double seconds = cpu_seconds() - begin;
+  tally.seconds += seconds;
+  ++tally.fits;
+  if (options.verbose)
+    fmt::print(
+        "  {:8} shot {} {:28} off {:.2f} sure {:.2f} turn {:.2f}° shift {:.2f} mm deviations "
+        "{:.2f} {:.2f} {:.2f} {:.2f} {:.2f} {:.2f} overlap "
+        "{:.4f} unexplained {:.3f} blocks {} {} {:.2f} s\n",
+        what, shot, material.name, fit.off, fit.sure, fit.turn.norm() / degree,
+        1000 * fit.shift.norm(), fit.deviation[0], fit.deviation[1], fit.deviation[2],
+        fit.deviation[3], fit.deviation[4], fit.deviation[5], fit.overlap, fit.unexplained,
+        fit.blocks, fit.told ? "" : "UNTOLD", seconds);
+  if (!fit.told) return std::nullopt;
+  return wrong(fit);
+}
+
+/// As a session does: a light that shows too little leaves it to the next.
+bool flagged(const Scene& scene, std::size_t first, const BuiltinMaterial& material,
+             const Eigen::Isometry3d& motion, std::uint64_t seed, const Options& options,
+             const char* what, Tally& tally) {
+  const std::vector<int>& order = scene.prepared.plan.visit_order;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const int shot = order[(first + i) % order.size()];
+    const auto said = told(scene, shot, material, motion, seed + i, options, what, tally);
+    if (said) return *said;
+  }
+  ++tally.untold;
+  return false;
+}
+
+/// Directions about which turning a shape changes nothing are not drawn.
+Eigen::Vector3d axis_for(const std::string& shape, std::mt19937_64& random) {
+  Eigen::Vector3d axis = somewhere(random);
+  if (shape == "cylinder" || shape == "torus") axis.z() = 0;
+  return axis.normalized();
+}
+
+Tally run(const std::string& shape, const Options& options) {
+  const Scene scene = scene_of(shape, options.width);
+  const Box box = box_of(scene.prepared.object.mesh);
+  const auto materials = builtin_materials();
+  Tally tally;
+  for (int i = 0; i < options.cases; ++i) {
+    std::mt19937_64 random(options.seed * 1000003U + static_cast<unsigned>(i));
+    const BuiltinMaterial& material = materials[random() % materials.size()];
+    const std::size_t first = options.first ? 0 : random() % scene.prepared.plan.shots.size();
+    const Eigen::Vector3d axis = axis_for(shape, random), way = somewhere(random);
+    const Eigen::Isometry3d right = Eigen::Isometry3d::Identity();
+    const Eigen::Isometry3d turn = about(box.middle, Eigen::AngleAxisd(degree, axis));
+    Eigen::Isometry3d shift = right;
+    shift.translate(0.02 * box.size * way);
+    const auto judge = [&](const Eigen::Isometry3d& motion, const char* what) {
+      return flagged(scene, first, material, motion, random(), options, what, tally);
+    };
+    const bool wrongly = judge(right, "right");
+    ++tally.right;
+    tally.false_flags += wrongly ? 1 : 0;
+    if (wrongly) fmt::print("{} case {}: a right pose is flagged\n", shape, i);
+    const Eigen::Vector3d seen = scene.rig.camera.model.camera_from_world.linear() * axis;
+    if (shape != "sphere") {
+      ++tally.turned;
+      if (!judge(turn, "turned")) {
+        ++tally.missed_turns;
+        fmt::print(
+            "{} case {}: missed a turn about ({:.2f}, {:.2f}, {:.2f}) as the camera sees it\n",
+            shape, i, seen.x(), seen.y(), seen.z());
+      }
+    }
+    ++tally.shifted;
+    if (!judge(shift, "shifted")) {
+      ++tally.missed_shifts;
+      const Eigen::Vector3d moved = scene.rig.camera.model.camera_from_world.linear() * way;
+      fmt::print(
+          "{} case {}: missed a shift along ({:.2f}, {:.2f}, {:.2f}) as the camera sees it\n",
+          shape, i, moved.x(), moved.y(), moved.z());
+    }
+    std::fflush(stdout);
+  }
+  fmt::print(
+      "{:9} {} px: right {} false {}; turned {} missed {}; shifted {} missed {}; untold {} of {}; "
+      "{:.2f} s each\n",
+      shape, options.width, tally.right, tally.false_flags, tally.turned, tally.missed_turns,
+      tally.shifted, tally.missed_shifts, tally.untold, tally.fits, tally.seconds / tally.fits);
+  std::fflush(stdout);
+  return tally;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Options options;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    const auto next = [&] { return std::string(i + 1 < argc ? argv[++i] : "0"); };
+    if (word == "--cases")
+      options.cases = std::stoi(next());
+    else if (word == "--seed")
+      options.seed = static_cast<unsigned>(std::stoul(next()));
+    else if (word == "--shape")
+      options.shape = next();
+    else if (word == "--width")
+      options.width = std::stoi(next());
+    else if (word == "--first")
+      options.first = true;
+    else if (word == "--verbose")
+      options.verbose = true;
+  }
+  std::vector<std::string> shapes{options.shape};
+  if (options.shape == "all") shapes = {"teapot", "torus", "cylinder", "sphere", "plane"};
+  Tally all;
+  for (const std::string& shape : shapes) {
+    const Tally one = run(shape, options);
+    all.right += one.right;
+    all.false_flags += one.false_flags;
+    all.turned += one.turned + one.shifted;
+    all.missed_turns += one.missed_turns + one.missed_shifts;
+    all.untold += one.untold;
+    all.seconds += one.seconds;
+    all.fits += one.fits;
+  }
+  fmt::print("cases={} wrong={} missed={} right={} false={} untold={} seconds_each={:.2f}\n",
+             all.fits, all.turned, all.missed_turns, all.right, all.false_flags, all.untold,
+             all.seconds / all.fits);
+}

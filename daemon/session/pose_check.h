@@ -1,0 +1,61 @@
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string>
+
+#include "config/rig.h"
+#include "core/pose_fit.h"
+#include "daemon/session/journal.h"
+#include "daemon/session/prepare.h"
+#include "daemon/session/session_folder.h"
+
+namespace lightrig {
+
+/// Surely off by more than this, in the units of PoseFit::sure (1°, 2 % of the object's size), is a
+/// wrong pose.
+inline constexpr double pose_tolerance = 0.4;
+
+/// An object of fewer pixels across is not judged.
+inline constexpr double least_pose_pixels = 60;
+
+/// The longer side of the object's box in the picture [px].
+double extent_in_picture(const Mesh& mesh, const CameraModel& camera);
+
+/// Whether the object lies as [object] has it, from the frames of a shot of the plan: those lit by
+/// its light, and the ones taken in the dark (may be empty). Not told where the object is small in
+/// the picture, hardly lit, or does not look like the model at all. Errors: those of merging.
+Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
+                           std::span<const Frame> lit, std::span<const Frame> dark);
+
+/// The same of a captured shot's own frames. Errors: those of reading them too.
+Result<PoseFit> check_pose(const Rig& rig, const Prepared& prepared, const SessionFolder& folder,
+                           const CapturedShot& shot);
+
+/// Where more than this share of what is lit looks unlike the model in any pose nearby, the object
+/// is another one, or lies far off.
+inline constexpr double worst_unexplained = 0.3;
+
+inline bool unlike_model(const PoseFit& pose) { return pose.unexplained > worst_unexplained; }
+inline bool wrong(const PoseFit& pose) {
+  return pose.told && (pose.sure > pose_tolerance || unlike_model(pose));
+}
+
+/// The figure in words: "turned by 0.1° and shifted by 0.2 mm, outline overlapping by 99.8 %, 6 of
+/// 6 motions seen".
+std::string in_words(const PoseFit& pose);
+
+/// What a person is told of a wrong pose.
+std::string pose_reason(const PoseFit& pose);
+
+/// Fields of the journal's event "pose".
+nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot);
+
+/// What a journal says of the pose. A shot that was taken back has to be looked at anew.
+struct PoseStanding {
+  bool looked = false;  ///< and told
+  std::string held;     ///< why a person has to say whether to go on, and has not
+};
+PoseStanding pose_standing(std::span<const JournalEvent> events);
+
+}  // namespace lightrig
