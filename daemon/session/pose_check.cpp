@@ -70,9 +70,10 @@ Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
                            std::span<const Frame> lit, std::span<const Frame> dark) {
   const Shot& planned = prepared.plan.shots[static_cast<std::size_t>(shot)];
   const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, planned.gantry);
-  if (lit.empty() || !(extent_in_picture(prepared.object.mesh, camera) >= least_pose_pixels))
-    return PoseFit{};
   const SensorModel& sensor = rig.camera.sensor;
+  const int join = sensor.filter == ColorFilter::mono ? 1 : 2;
+  if (lit.empty() || !(extent_in_picture(prepared.object.mesh, camera) >= join * least_pose_pixels))
+    return PoseFit{};
   const auto image = merge_hdr(lit, {}, sensor, MergeOptions{});
   if (!image) return tl::unexpected(with_context("look for the object's pose", image.error()));
   std::optional<RadianceImage> ambient;
@@ -81,7 +82,6 @@ Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
     if (!merged) return tl::unexpected(with_context("look for the object's pose", merged.error()));
     ambient = std::move(*merged);
   }
-  const int join = sensor.filter == ColorFilter::mono ? 1 : 2;
   return fit_pose(picture_of(*image, ambient ? &*ambient : nullptr, join), prepared.object.mesh,
                   *prepared.occluder, joined(camera, join), planned.light, 1);
 }

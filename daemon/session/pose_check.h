@@ -16,8 +16,9 @@ namespace lightrig {
 /// wrong pose.
 inline constexpr double pose_tolerance = 0.4;
 
-/// An object of fewer pixels across is not judged.
-inline constexpr double least_pose_pixels = 60;
+/// An object of fewer pixels across is not judged; of a mosaic four sites make a pixel. With half
+/// as many some right poses look a degree off.
+inline constexpr double least_pose_pixels = 100;
 
 /// The longer side of the object's box in the picture [px].
 double extent_in_picture(const Mesh& mesh, const CameraModel& camera);

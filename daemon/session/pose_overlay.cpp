@@ -150,7 +150,6 @@ Result<PoseFit> pose_in_preview(const std::string& png, const Rig& rig, const Pr
   const auto picture = decoded(png);
   if (!picture) return tl::unexpected(picture.error());
   CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, at);
-  if (extent_in_picture(prepared.object.mesh, camera) < least_pose_pixels) return PoseFit{};
   // A pixel of the preview shows one green site of a mosaic out of so many, not their mean.
   const ColorFilter filter = rig.camera.sensor.filter;
   const int step = camera.width / picture->width;
@@ -161,6 +160,7 @@ Result<PoseFit> pose_in_preview(const std::string& png, const Rig& rig, const Pr
   camera.fy /= step;
   camera.cx = (camera.cx - column) / step;
   camera.cy /= step;
+  if (extent_in_picture(prepared.object.mesh, camera) < least_pose_pixels) return PoseFit{};
   LitPicture lit{picture->width, picture->height, {}, {}};
   for (std::size_t i = 0; i < picture->pixels.size(); i += 3) {
     const double tone = picture->pixels[i + 1] / 255.0;

@@ -134,7 +134,7 @@ TEST(PoseCheck, AJournalSaysWhetherAPersonHasAccepted) {
   EXPECT_FALSE(standing({shot, off, paused, resumed, again}).looked);
 }
 
-/// The demo on a quarter of its pixels, the object truly turned by so much.
+/// The demo on half of its pixels each way, the object truly turned by so much.
 std::string little_demo(const std::filesystem::path& root, double pose_error_deg) {
   std::string text =
       read_file(std::filesystem::path(test::source_dir) / "config/demo.toml").value();
@@ -143,9 +143,9 @@ std::string little_demo(const std::filesystem::path& root, double pose_error_deg
     EXPECT_NE(at, std::string::npos) << from;
     text.replace(at, from.size(), to);
   };
-  put("width_px = 640", "width_px = 160");
-  put("height_px = 480", "height_px = 120");
-  put("fx_px = 3478", "fx_px = 869.5");
+  put("width_px = 640", "width_px = 320");
+  put("height_px = 480", "height_px = 240");
+  put("fx_px = 3478", "fx_px = 1739");
   put("max_lights = 7", "max_lights = 2");
   put("count = 1000", "count = 200");
   put("\"../sessions\"", fmt::format("\"{}\"", root.string()));
