@@ -255,7 +255,8 @@ Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOpt
     const Eigen::VectorXd slack = 0.5 * (basis.y_max - basis.y_min);
     basis.y_min -= slack;
     basis.y_max += slack;
-    const LeaveOut unseen = leave_materials_out(basis, training, K, options.sigma_folds, options.threads);
+    const LeaveOut unseen =
+        leave_materials_out(basis, training, K, options.sigma_folds, options.threads);
     basis.stddev = unseen.stddev;
     basis.model_sigma = unseen.model_sigma;
     basis.unsaid_sigma = unseen.unsaid_sigma;

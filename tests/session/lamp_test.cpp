@@ -33,10 +33,11 @@ class LampTest : public CaptureTest {
 
   /// A session in which `happen` is told of every step, and `heal` of every beat of a pause.
   static Told run(
-      const SessionFolder& folder, Laboratory& laboratory, const Prepared& plan,
+      const SessionFolder& folder, Laboratory& laboratory, const Prepared& prepared,
       const std::function<void(const SessionProgress&)>& happen,
       const std::function<void(int, SessionControl&)>& heal = [](int, SessionControl&) {}) {
     Told told;
+    Prepared plan = prepared;
     SessionControl control;
     SessionListeners listeners;
     int beats = 0;

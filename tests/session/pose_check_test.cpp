@@ -171,6 +171,7 @@ Replay run_session(const std::string& text, const std::filesystem::path& root, b
     Devices devices = sim::open_devices(*rig.value, world).value();
     SessionControl here;
     SessionListeners listeners;
+    Prepared planned = *prepared;
     // First it is pulled while it waits, then a person accepts, or the test has seen enough.
     listeners.event = [&](const JournalEvent& event) {
       if (event.event != "paused") return;
@@ -182,7 +183,7 @@ Replay run_session(const std::string& text, const std::filesystem::path& root, b
         here.abort("seen");
     };
     const SessionEnd end =
-        capture(*folder, *rig.value, *spec.value, *prepared, devices, *clock, here, listeners);
+        capture(*folder, *rig.value, *spec.value, planned, devices, *clock, here, listeners);
     if (end.outcome != SessionOutcome::paused) break;
   }
   return replay_journal(folder->journal()).value();
