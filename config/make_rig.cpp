@@ -311,6 +311,7 @@ PauseRule make_pause_rule(const Section& s, const std::string& unit, double si =
 
 PauseConditions make_pause(const Section& s) {
   PauseConditions p;
+  p.wrong_pose = s.boolean("wrong_pose");
   if (const Section* loss = s.find("packet_loss"))
     p.packet_loss = {make_pause_rule(*loss, "_per_frame"), loss->integer("over_frames")};
   if (const Section* drift = s.find("lamp_drift"))

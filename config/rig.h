@@ -193,6 +193,7 @@ struct PauseConditions {
   std::optional<PacketLossRule> packet_loss;
   std::optional<LampDriftRule> lamp_drift;
   std::optional<PauseRule> lamp_temperature, camera_temperature;  ///< [°C]
+  bool wrong_pose = false;  ///< the object is not where the rig file has it
 };
 
 /// Where lamp and arm may not go. Shapes in the world frame [m].

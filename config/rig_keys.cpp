@@ -130,6 +130,14 @@ TableSpec pause_table() {
               .doc =
                   "Conditions that pause a session, lamp dark, between two lights; what is not "
                   "named is not watched. An open interlock and a full disk always do."};
+  t.keys = {
+      {.name = "wrong_pose",
+       .kind = ValueKind::boolean,
+       .need = Need::defaulted,
+       .fallback = "false",
+       .doc = "Wait for a person before the second light where the first one's pictures show the "
+              "object elsewhere than [object] says; else it is journaled and warned of."},
+  };
   t.tables = {packet_loss_table(), lamp_drift_table(),
               temperature_table("lamp_temperature",
                                 "The lamp's own sensor, where the rig file names one "

@@ -178,18 +178,13 @@ Result<std::optional<Ending>> CaptureRun::compare_reference() {
   const auto likeness =
       persevere("reference frame", [&] { return reference_likeness(shot, *stored); });
   if (!likeness) return tl::unexpected(likeness.error());
-  const bool like = likeness->sites > 0 && std::abs(likeness->ratio - 1) <= reference_ratio &&
-                    likeness->strayed <= reference_strayed;
+  // Of no sites: dark now and then, or saturated both times. Nothing has changed that could be
+  // seen.
+  const bool like =
+      std::abs(likeness->ratio - 1) <= reference_ratio && likeness->strayed <= reference_strayed;
   if (auto noted = note_reference(shot.name, like, *likeness); !noted)
     return tl::unexpected(noted.error());
   if (like) return std::optional<Ending>();
-  if (likeness->sites == 0)
-    return std::optional<Ending>(
-        {SessionOutcome::paused,
-         fmt::format(
-             "the scene cannot be compared with {0}: no site is bright enough, now or then; "
-             "look at lamp and sample, then retake {0} and resume",
-             shot.name)});
   return std::optional<Ending>(
       {SessionOutcome::paused,
        fmt::format(
@@ -273,6 +268,10 @@ Result<void> CaptureRun::collect_shot() {
 /// object does not lie as modelled, a person says whether to go on.
 Result<void> CaptureRun::look_at_pose(bool more_to_come) {
   if (captured_.shots.empty()) return {};
+  // Where nobody is to be waited for, neither is the look: it goes on while the second light is
+  // captured.
+  const bool waits = t_.rig.pause.wrong_pose;
+  if (!waits && more_to_come && captured_.shots.size() < 2) return {};
   if (!pose_.looked) {
     say("looking how the object lies");
     const std::string& shot = captured_.shots.back().name;
@@ -284,7 +283,7 @@ Result<void> CaptureRun::look_at_pose(bool more_to_come) {
     if (auto noted = note("pose", std::move(fields)); !noted) return noted;
     pose_ = {!pose || pose->told, pose && wrong(*pose) ? pose_reason(*pose) : ""};
   }
-  if (pose_.held.empty() || !more_to_come) return {};
+  if (!waits || pose_.held.empty() || !more_to_come) return {};
   auto paused = pause("condition", pose_.held, [this](bool word) -> Result<bool> {
     return word || t_.control.stop_after_shot_requested();
   });

@@ -186,7 +186,7 @@ Result<void> CaptureRun::watch_lamp() {
     auto like = persevere("reference frame", [&] { return reference_likeness(shot, *stored); });
     if (!like) return tl::unexpected(like.error());
     ratio = like->ratio;
-    const double off = like->sites > 0 ? std::abs(ratio - 1) : 1;
+    const double off = std::abs(ratio - 1);
     auto noted = note_reference(shot.name, off <= drift->rule.pause_above, *like);
     if (!noted) return tl::unexpected(noted.error());
     return off;

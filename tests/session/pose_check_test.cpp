@@ -152,6 +152,7 @@ std::string little_demo(const std::filesystem::path& root, double pose_error_deg
   put("\"controllers/", fmt::format("\"{}/config/controllers/", test::source_dir));
   put("seed = 1\n", fmt::format("seed = 1\npose_error_deg = {}\n", pose_error_deg));
   put("[plan]\n", "[plan]\nrandom_baseline = false\n");
+  text += "\n[pause]\nwrong_pose = true\n";
   return text;
 }
 
