@@ -194,9 +194,16 @@ template <class Visit>
     chords_of_lit(setting.in_view, first, count, view, chord2);
     walked += static_cast<std::int64_t>(count);
     for (std::size_t i = 0; i < count; ++i) lit += chord2[i] < dark ? 1 : 0;
-    // Few points of a bundle show an open row, and which ones nothing foretells: no branch.
-    std::int32_t* __restrict__ hit = scratch.hit.data();
+    // Most bundles show no open row after all, which a count without branches tells; in the others
+    // nothing foretells which points do.
     const double below = std::min(high, dark);
+    double shows = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const double above = chord2[i] >= low ? 1.0 : 0.0;
+      shows += chord2[i] < below ? above : 0.0;
+    }
+    if (shows == 0) return;
+    std::int32_t* __restrict__ hit = scratch.hit.data();
     std::size_t hits = 0;
     for (std::size_t i = 0; i < count; ++i) {
       hit[hits] = static_cast<std::int32_t>(i);
