@@ -32,8 +32,7 @@ std::vector<std::uint8_t> lit_sites(const Rig& rig, const SessionSpec& spec,
 struct FrameLikeness {
   double ratio = 1;    ///< median of counts now over counts then, above black
   double strayed = 0;  ///< [0, 1] share of the sites that differ by more than their noise explains
-  int sites =
-      0;  ///< compared: lit, well above black, not saturated both times
+  int sites = 0;       ///< compared: lit, well above black, not saturated both times
 };
 FrameLikeness compare_frames(const Frame& then, const Frame& now,
                              const std::vector<std::uint8_t>& sites, const SensorModel& sensor);
