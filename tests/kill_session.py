@@ -48,7 +48,7 @@ def contents(folder, parts=("frames", "radiance", "result")):
             elif file.suffix == ".html" or file.name == "curve.png":
                 continue  # show elapsed times and the session's name
             found[str(file.relative_to(folder))] = hashlib.sha256(data).hexdigest()
-    entries = [plain(e) for e in journal(folder) if e["event"] in ("dark", "shot")]
+    entries = [plain(e) for e in journal(folder) if e["event"] in ("dark", "shot", "replanned")]
     for entry in entries:  # what an event is counted as depends on what else happened
         entry.pop("seq"), entry.pop("crc")
     found["journal"] = hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
