@@ -184,16 +184,6 @@ void bin(const BinningSetting& setting, const LightPosition& light, BinningScrat
   statistics.rays_left_out += std::max<std::int64_t>(0, lit - (statistics.rays_cast - rays_before));
 }
 
-void add(BinningStatistics& sum, const BinningStatistics& part) {
-  sum.points_tested += part.points_tested;
-  sum.back_facing += part.back_facing;
-  sum.no_half_vector += part.no_half_vector;
-  sum.repeated += part.repeated;
-  sum.passed_over += part.passed_over;
-  sum.rays_cast += part.rays_cast;
-  sum.rays_left_out += part.rays_left_out;
-}
-
 void add_normal(PointColumns& to, const PointColumns& from, std::size_t i) {
   to.index.push_back(from.index[i]);
   to.nx.push_back(from.nx[i]);
@@ -289,6 +279,16 @@ void gather_in_view(BinningSetting& setting) {
 
 }  // namespace
 
+void BinningStatistics::add(const BinningStatistics& part) {
+  points_tested += part.points_tested;
+  back_facing += part.back_facing;
+  no_half_vector += part.no_half_vector;
+  repeated += part.repeated;
+  passed_over += part.passed_over;
+  rays_cast += part.rays_cast;
+  rays_left_out += part.rays_left_out;
+}
+
 BinningResult bin_candidates(const SurfacePoints& points, std::span<const LightPosition> candidates,
                              const BivariateGrid& grid, std::span<const std::uint8_t> valid,
                              const GrazingLimits& limits, const Occluder& occluder, ShadowRays rays,
@@ -343,7 +343,7 @@ BinningResult bin_candidates(const SurfacePoints& points, std::span<const LightP
     std::copy_n(cells[part[i].worker].data() + part[i].from, part[i].count,
                 result.bins.cell.data() + result.bins.offset[i]);
   }
-  for (const BinningStatistics& of_one : statistics) add(result.statistics, of_one);
+  for (const BinningStatistics& of_one : statistics) result.statistics.add(of_one);
   result.statistics.convex = occluder.convex();
   return result;
 }

@@ -51,6 +51,9 @@ struct BinningStatistics {
   std::int64_t rays_cast = 0;
   std::int64_t rays_left_out = 0;  ///< pairs that needed no shadow ray
   bool convex = false;             ///< the object was found convex: no ray at all
+
+  /// Adds another's counts.
+  void add(const BinningStatistics& part);
 };
 
 struct BinningResult {

@@ -5,186 +5,14 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <thread>
 
 #include "core/cell_lookup.h"
 #include "core/check.h"
 #include "core/pixel_neighbours.h"
-#include "core/planner_kernels.h"
-#include "core/site_kernels.h"
+#include "core/site_points.h"
 
 namespace lightrig {
 namespace {
-
-/// What became of a surface point on the way to a sample.
-enum class PointState : std::uint8_t {
-  unlit,
-  grazing,
-  invalid_cell,
-  boundary,
-  off_image,
-  lit,
-  shadowed,
-  blocked
-};
-
-/// Small, because a picture has millions: what is not kept is found again for the lit ones.
-struct SitePoint {
-  std::int32_t cell_or_state = -1;  ///< the cell if lit, else −1 − state
-  float irradiance = 0;             ///< falloff · cos θi, per unit of lamp strength
-
-  void set(PointState state) { cell_or_state = -1 - static_cast<std::int32_t>(state); }
-  bool lit() const { return cell_or_state >= 0; }
-  PointState state() const {
-    return lit() ? PointState::lit : static_cast<PointState>(-1 - cell_or_state);
-  }
-  int cell() const { return cell_or_state; }
-};
-
-struct Geometry {
-  const SurfacePoints* points = nullptr;
-  const CameraModel* camera = nullptr;
-  const LightPosition* light = nullptr;
-  const CellLookup* cells = nullptr;
-  std::span<const std::uint8_t> valid;
-  const Occluder* occluder = nullptr;
-  const GrazingLimits* limits = nullptr;
-  double max_tangent2 = 0;  ///< tan² of the largest θd
-};
-
-/// The site that records a point: its own pixel, or the one it projects into.
-std::optional<std::int32_t> site_of(const Geometry& g, Eigen::Index i, int width, int height) {
-  if (g.points->from_pixels) return g.points->source[static_cast<std::size_t>(i)];
-  const Eigen::Vector2d uv = project(*g.camera, g.points->position.col(i));
-  if (!uv.allFinite()) return std::nullopt;
-  const double column = std::round(uv.x()), row = std::round(uv.y());
-  if (column < 0 || row < 0 || column >= width || row >= height) return std::nullopt;
-  return static_cast<std::int32_t>(row) * width + static_cast<std::int32_t>(column);
-}
-
-/// What point i of a run that begins at `first` is, from the run's angles.
-SitePoint place(const Geometry& g, Eigen::Index first, std::size_t i, const SiteAngles& angles,
-                int width, int height) {
-  SitePoint out;
-  out.set(PointState::off_image);
-  const Eigen::Index at = first + static_cast<Eigen::Index>(i);
-  if (!g.points->from_pixels && !site_of(g, at, width, height)) return out;
-  out.set(PointState::unlit);
-  // l = −v has no half vector; its θd is beyond any limit.
-  const double sum2 = angles.sum2[i];
-  if (angles.cos_i[i] <= 0 || angles.cos_o[i] <= 0 || sum2 < 1e-24) return out;
-  const Eigen::Vector3d x = g.points->position.col(at);
-  const bool whole_sphere = g.light->distant || g.light->lobe.uniform();
-  if (!whole_sphere && !g.light->reaches(x)) return out;
-  out.set(PointState::grazing);
-  if (angles.cos_i[i] < g.limits->min_cos_i || angles.cos_o[i] < g.limits->min_cos_o) return out;
-  if (angles.difference2[i] > g.max_tangent2 * sum2) return out;
-  const int cell = g.cells->grid().cell(g.cells->row(angles.chord2[i]),
-                                        g.cells->column(angles.difference2[i] / sum2));
-  out.set(PointState::invalid_cell);
-  if (!g.valid.empty() && g.valid[static_cast<std::size_t>(cell)] == 0) return out;
-  out.cell_or_state = cell;
-  const double emitted = whole_sphere ? 1.0 : g.light->emission(x);
-  out.irradiance = static_cast<float>(angles.irradiance[i] * emitted);
-  return out;
-}
-
-/// Places a range of points and tells the shadowed ones by packets of rays.
-void place_range(const Geometry& g, int width, int height, Eigen::Index begin, Eigen::Index end,
-                 std::vector<SitePoint>& out) {
-  std::vector<Eigen::Vector3d> position, normal;
-  std::vector<std::size_t> index;
-  const bool convex = g.occluder->convex();
-  const int level = vector_level();
-  SiteAngles angles;
-  for (Eigen::Index first = begin; first < end;
-       first += static_cast<Eigen::Index>(SiteAngles::size)) {
-    const auto n = static_cast<std::size_t>(
-        std::min(end - first, static_cast<Eigen::Index>(SiteAngles::size)));
-    angles_of_sites(g.points->position.col(first).data(), g.points->normal.col(first).data(),
-                    g.points->view.col(first).data(), n, *g.light, angles, level);
-    for (std::size_t i = 0; i < n; ++i) {
-      const SitePoint point = place(g, first, i, angles, width, height);
-      const Eigen::Index at = first + static_cast<Eigen::Index>(i);
-      out[static_cast<std::size_t>(at)] = point;
-      if (!point.lit() || convex) continue;
-      position.push_back(g.points->position.col(at));
-      normal.push_back(g.points->normal.col(at));
-      index.push_back(static_cast<std::size_t>(at));
-    }
-  }
-  std::vector<std::uint8_t> blocked(index.size(), 0);
-  if (!index.empty()) g.occluder->blocked(position, normal, *g.light, blocked);
-  for (std::size_t j = 0; j < index.size(); ++j) {
-    if (blocked[j] != 0) out[index[j]].set(PointState::shadowed);
-  }
-}
-
-std::vector<SitePoint> place_all(const Geometry& g, int width, int height, int threads) {
-  const Eigen::Index n = g.points->size();
-  std::vector<SitePoint> out(static_cast<std::size_t>(n));
-  std::vector<std::jthread> others;
-  for (int t = 1; t < threads; ++t) {
-    others.emplace_back([&g, &out, width, height, n, t, threads] {
-      place_range(g, width, height, n * t / threads, n * (t + 1) / threads, out);
-    });
-  }
-  place_range(g, width, height, 0, n / threads, out);
-  return out;
-}
-
-/// Marks lit pixels that mix two radiances: their centre's geometry says nothing of their value.
-void leave_out_mixed(const PixelNeighbours& neighbours, std::vector<SitePoint>& sites) {
-  std::vector<std::uint8_t> shadowed(sites.size());
-  for (std::size_t i = 0; i < sites.size(); ++i) {
-    shadowed[i] = sites[i].state() == PointState::shadowed ? 1 : 0;
-  }
-  for (std::size_t i = 0; i < sites.size(); ++i) {
-    if (!sites[i].lit()) continue;
-    const auto at = static_cast<Eigen::Index>(i);
-    if (!neighbours.whole(at) || neighbours.beside(at, shadowed)) {
-      sites[i].set(PointState::boundary);
-    }
-  }
-}
-
-/// Marks as blocked the lit pixels that are black where even the darkest known material would not
-/// be, and leaves out those beside them, which may be half black. Returns the marked points.
-std::vector<std::size_t> leave_out_blocked(const RadianceImage& image, const RadianceImage* ambient,
-                                           const Geometry& g, const PixelNeighbours& neighbours,
-                                           const ExtractOptions& options,
-                                           std::vector<SitePoint>& sites) {
-  const bool mono = image.filter == ColorFilter::mono;
-  std::vector<std::uint8_t> black(sites.size(), 0);
-  std::vector<std::size_t> found;
-  for (std::size_t i = 0; i < sites.size(); ++i) {
-    if (!sites[i].lit()) continue;
-    const int site = g.points->source[i];
-    const auto at = static_cast<std::size_t>(site);
-    if (image.site[at] == RadianceImage::Site::saturated) continue;
-    double L = double{image.L[at]}, variance = double{image.variance[at]};
-    if (ambient != nullptr) {
-      if (ambient->site[at] == RadianceImage::Site::saturated) continue;
-      L -= double{ambient->L[at]};
-      variance += double{ambient->variance[at]};
-    }
-    const double noise = options.detection_sigma * std::sqrt(variance);
-    if (L >= noise) continue;
-    const int channel = mono ? 0 : channel_at(image.filter, site / image.width, site % image.width);
-    const double least = (*options.least_f)(
-        sites[i].cell(), std::min<Eigen::Index>(channel, options.least_f->cols() - 1));
-    if (least * options.lamp_strength[channel] * double{sites[i].irradiance} < 3 * noise) continue;
-    black[i] = 1;
-    found.push_back(i);
-  }
-  if (found.empty()) return found;
-  for (std::size_t i = 0; i < sites.size(); ++i) {
-    if (sites[i].lit() && black[i] == 0 && neighbours.beside(static_cast<Eigen::Index>(i), black)) {
-      sites[i].set(PointState::boundary);
-    }
-  }
-  return found;
-}
 
 /// Sums over the sites of one (cell, channel). a = E cos θi, the geometry of a site.
 struct CellSum {
@@ -255,7 +83,7 @@ void add_site(CellSum& sum, const RadianceImage& image, const RadianceImage* amb
 }
 
 /// Footprints of at most `options.footprints` sites of every row of values, evenly over its sites.
-std::vector<Footprint> footprints_of(const Geometry& g, const RadianceImage& image,
+std::vector<Footprint> footprints_of(const SiteGeometry& g, const RadianceImage& image,
                                      const std::vector<SitePoint>& sites,
                                      const std::vector<BrdfObservation>& rows,
                                      const PixelNeighbours* neighbours,
@@ -322,7 +150,7 @@ void count(ExtractionStatistics& s, PointState state) {
 
 /// Sums per channel and cell.
 struct Sums {
-  const Geometry* geometry;
+  const SiteGeometry* geometry;
   const RadianceImage* image;
   const RadianceImage* ambient;
   const ExtractOptions* options;
@@ -388,8 +216,8 @@ BrdfObservations extract(const RadianceImage& image, const RadianceImage* ambien
   CHECK(ambient == nullptr || ambient->L.size() == image.L.size());
   const CellLookup cells(grid);
   const double tangent = std::tan(options.limits.max_theta_d);
-  const Geometry geometry{&points, &camera,   &light,          &cells,
-                          valid,   &occluder, &options.limits, tangent * tangent};
+  const SiteGeometry geometry{&points, &camera,   &light,          &cells,
+                              valid,   &occluder, &options.limits, tangent * tangent};
   std::vector<SitePoint> sites = place_all(geometry, image.width, image.height, options.threads);
   std::optional<PixelNeighbours> own;
   const PixelNeighbours* neighbours = options.neighbours;

@@ -11,6 +11,7 @@
 #include "core/merge_hdr.h"
 #include "core/pixel_neighbours.h"
 #include "core/refine.h"
+#include "daemon/session/split_mix.h"
 #include "sim/philox.h"
 #include "sim/sensor_noise.h"
 #include "sim/shading.h"
@@ -21,17 +22,15 @@ namespace {
 constexpr Eigen::Index published_components = 45;
 constexpr int footprints_per_row = 24;  // as a session keeps
 
-// SplitMix64 [Steele 2014]: small, and the same on every machine, as the standard's distributions
-// are not.
+/// Numbers of one seed, one after another.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : state_(seed) {}
 
   std::uint64_t bits() {
-    std::uint64_t z = (state_ += 0x9E3779B97F4A7C15ULL);
-    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ULL;
-    z = (z ^ (z >> 27)) * 0x94D049BB133111EBULL;
-    return z ^ (z >> 31);
+    const std::uint64_t number = split_mix(state_);
+    state_ += split_mix_step;
+    return number;
   }
   // Uniform in (0, 1).
   double uniform() { return (static_cast<double>(bits() >> 11) + 0.5) * 0x1p-53; }

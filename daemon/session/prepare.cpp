@@ -14,9 +14,9 @@
 
 #include "config/load_materials.h"
 #include "core/pixel_neighbours.h"
-#include "core/route.h"
 #include "daemon/session/capture_time.h"
 #include "daemon/session/lay_candidates.h"
+#include "daemon/session/plan_shots.h"
 #include "drivers/backends.h"
 
 namespace lightrig {
@@ -28,42 +28,6 @@ SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepare
              ? points_of_pixels(prepared.object.mesh, *prepared.occluder, camera,
                                 spec.plan.pixel_stride)
              : points_of_vertices(prepared.object.mesh, *prepared.occluder, camera);
-}
-
-double angle_between(const LightPosition& a, const LightPosition& b,
-                     const Eigen::Vector3d& middle) {
-  const Eigen::Vector3d u = a.direction_from(middle), v = b.direction_from(middle);
-  return 2 * std::asin(std::min(1.0, 0.5 * (u - v).norm()));
-}
-
-Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLight& selected) {
-  const Candidate& candidate = prepared.candidates[static_cast<std::size_t>(selected.candidate)];
-  Shot shot;
-  shot.candidate = selected.candidate;
-  shot.light = candidate.light;
-  shot.gantry = candidate.gantry;
-  shot.exposures = spec.bracket.exposures;
-  shot.selection = selected;
-  return shot;
-}
-
-bool may_stop_early(const SessionSpec& spec) {
-  return spec.stop.predicted_error_percent || spec.stop.minutes || spec.stop.lights;
-}
-
-std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const Plan& plan) {
-  std::vector<int> order;
-  if (may_stop_early(spec)) {
-    for (const bool held_out : {true, false}) {
-      for (std::size_t i = 0; i < plan.shots.size(); ++i) {
-        if (plan.shots[i].held_out == held_out) order.push_back(static_cast<int>(i));
-      }
-    }
-    return order;
-  }
-  std::vector<GantryPosition> stops;
-  for (const Shot& shot : plan.shots) stops.push_back(shot.gantry);
-  return order_route(rig.gantry.model, home_position(rig.gantry.model), stops);
 }
 
 namespace {
@@ -204,17 +168,6 @@ tl::unexpected<Error> nothing_lit(const LeftOut& left_out, std::size_t candidate
           left_out.candidates_hiding, candidates, points));
 }
 
-void add(BinningStatistics& sum, const BinningStatistics& part) {
-  sum.points_tested += part.points_tested;
-  sum.back_facing += part.back_facing;
-  sum.no_half_vector += part.no_half_vector;
-  sum.repeated += part.repeated;
-  sum.passed_over += part.passed_over;
-  sum.rays_cast += part.rays_cast;
-  sum.rays_left_out += part.rays_left_out;
-  sum.convex = part.convex;
-}
-
 /// Candidates by how the camera sees the object: on a turntable one group for every turn.
 std::vector<std::vector<std::size_t>> candidates_by_view(const Rig& rig,
                                                          const std::vector<Candidate>& candidates) {
@@ -259,7 +212,8 @@ BinningResult bin_views(const Rig& rig, const SessionSpec& spec, const Prepared&
     whole.bins.cell.insert(whole.bins.cell.end(), of_one.begin(), of_one.end());
     whole.bins.offset.push_back(static_cast<std::int64_t>(whole.bins.cell.size()));
   }
-  for (const BinningResult& part : parts) add(whole.statistics, part.statistics);
+  for (const BinningResult& part : parts) whole.statistics.add(part.statistics);
+  whole.statistics.convex = prepared.occluder->convex();
   return whole;
 }
 
@@ -284,44 +238,6 @@ Result<void> bin(const Rig& rig, const SessionSpec& spec, Prepared& prepared, St
     return nothing_lit(left_out, prepared.candidates.size(), prepared.points.size());
   }
   return {};
-}
-
-/// A well-mixed 64-bit number from a counter [Steele 2014].
-std::uint64_t split_mix(std::uint64_t x) {
-  x += 0x9E3779B97F4A7C15U;
-  x = (x ^ (x >> 30U)) * 0xBF58476D1CE4E5B9U;
-  x = (x ^ (x >> 27U)) * 0x94D049BB133111EBU;
-  return x ^ (x >> 31U);
-}
-
-/// Lights that are captured to test the result and never fitted: drawn with the seed from those
-/// that show at least half as many cells as the richest candidate and, where there are such, stand
-/// clear of every planned light, so that the test is not of a light just seen.
-std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec) {
-  const Eigen::Vector3d middle = prepared.points.position.rowwise().mean();
-  std::vector<int> taken;
-  for (const Shot& shot : prepared.plan.shots) taken.push_back(shot.candidate);
-  std::size_t richest = 0;
-  const int count = prepared.bins.candidates();
-  for (int i = 0; i < count; ++i) richest = std::max(richest, prepared.bins.of(i).size());
-  const auto light = [&](int i) { return prepared.candidates[static_cast<std::size_t>(i)].light; };
-  std::vector<int> held_out;
-  while (static_cast<int>(held_out.size()) < spec.plan.held_out_lights) {
-    std::vector<int> clear, near;
-    for (int i = 0; i < count; ++i) {
-      if (2 * prepared.bins.of(i).size() < richest || std::ranges::count(taken, i) > 0) continue;
-      const bool far = std::ranges::all_of(taken, [&](int other) {
-        return angle_between(light(i), light(other), middle) >= held_out_distance;
-      });
-      (far ? clear : near).push_back(i);
-    }
-    const std::vector<int>& offered = clear.empty() ? near : clear;
-    if (offered.empty()) break;
-    const std::uint64_t draw = split_mix(split_mix(spec.plan.seed) + held_out.size());
-    held_out.push_back(offered[draw % offered.size()]);
-    taken.push_back(held_out.back());
-  }
-  return held_out;
 }
 
 Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_force,

@@ -54,20 +54,6 @@ const SurfacePoints& points_of_shot(const Prepared& prepared, int shot);
 SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
                           const GantryPosition& position);
 
-/// The shot of a chosen candidate.
-Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLight& selected);
-
-/// The quickest way round; but a session that may stop early takes its lights by worth, after the
-/// held-out ones, so that whenever it stops it has the best of the plan and something to test it
-/// by.
-std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const Plan& plan);
-bool may_stop_early(const SessionSpec& spec);
-
-inline constexpr double held_out_distance =
-    0.17453292519943295;  ///< [rad] 10° from every other light, where there are such
-/// Angle between two lamp positions as the object's middle sees them [rad].
-double angle_between(const LightPosition& a, const LightPosition& b, const Eigen::Vector3d& middle);
-
 /// Reads what the files name and plans. Errors: invalid_input when the camera does not see the
 /// object or no reachable lamp position lights anything it sees, with the counts.
 Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force = false);

@@ -9,6 +9,7 @@
 #include "core/planner.h"
 #include "core/route.h"
 #include "daemon/session/capture_time.h"
+#include "daemon/session/plan_shots.h"
 
 namespace lightrig {
 namespace {

@@ -7,6 +7,7 @@
 
 #include "daemon/session/durable_file.h"
 #include "daemon/session/plan_json.h"
+#include "daemon/session/plan_shots.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/replan.h"
 #include "tests/session/capture_fixture.h"

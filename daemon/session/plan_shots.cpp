@@ -1,0 +1,76 @@
+#include "daemon/session/plan_shots.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "core/route.h"
+#include "daemon/session/capture_time.h"
+#include "daemon/session/split_mix.h"
+
+namespace lightrig {
+
+double angle_between(const LightPosition& a, const LightPosition& b,
+                     const Eigen::Vector3d& middle) {
+  const Eigen::Vector3d u = a.direction_from(middle), v = b.direction_from(middle);
+  return 2 * std::asin(std::min(1.0, 0.5 * (u - v).norm()));
+}
+
+Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLight& selected) {
+  const Candidate& candidate = prepared.candidates[static_cast<std::size_t>(selected.candidate)];
+  Shot shot;
+  shot.candidate = selected.candidate;
+  shot.light = candidate.light;
+  shot.gantry = candidate.gantry;
+  shot.exposures = spec.bracket.exposures;
+  shot.selection = selected;
+  return shot;
+}
+
+bool may_stop_early(const SessionSpec& spec) {
+  return spec.stop.predicted_error_percent || spec.stop.minutes || spec.stop.lights;
+}
+
+std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const Plan& plan) {
+  std::vector<int> order;
+  if (may_stop_early(spec)) {
+    for (const bool held_out : {true, false}) {
+      for (std::size_t i = 0; i < plan.shots.size(); ++i) {
+        if (plan.shots[i].held_out == held_out) order.push_back(static_cast<int>(i));
+      }
+    }
+    return order;
+  }
+  std::vector<GantryPosition> stops;
+  for (const Shot& shot : plan.shots) stops.push_back(shot.gantry);
+  return order_route(rig.gantry.model, home_position(rig.gantry.model), stops);
+}
+
+std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec) {
+  const Eigen::Vector3d middle = prepared.points.position.rowwise().mean();
+  std::vector<int> taken;
+  for (const Shot& shot : prepared.plan.shots) taken.push_back(shot.candidate);
+  std::size_t richest = 0;
+  const int count = prepared.bins.candidates();
+  for (int i = 0; i < count; ++i) richest = std::max(richest, prepared.bins.of(i).size());
+  const auto light = [&](int i) { return prepared.candidates[static_cast<std::size_t>(i)].light; };
+  std::vector<int> held_out;
+  while (static_cast<int>(held_out.size()) < spec.plan.held_out_lights) {
+    std::vector<int> clear, near;
+    for (int i = 0; i < count; ++i) {
+      if (2 * prepared.bins.of(i).size() < richest || std::ranges::count(taken, i) > 0) continue;
+      const bool far = std::ranges::all_of(taken, [&](int other) {
+        return angle_between(light(i), light(other), middle) >= held_out_distance;
+      });
+      (far ? clear : near).push_back(i);
+    }
+    const std::vector<int>& offered = clear.empty() ? near : clear;
+    if (offered.empty()) break;
+    const std::uint64_t draw = split_mix(split_mix(spec.plan.seed) + held_out.size());
+    held_out.push_back(offered[draw % offered.size()]);
+    taken.push_back(held_out.back());
+  }
+  return held_out;
+}
+
+}  // namespace lightrig

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <numbers>
+#include <vector>
+
+#include "daemon/session/prepare.h"
+
+namespace lightrig {
+
+/// The shot of a chosen candidate.
+Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLight& selected);
+
+/// The quickest way round; but a session that may stop early takes its lights by worth, after the
+/// held-out ones, so that whenever it stops it has the best of the plan and something to test it
+/// by.
+std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const Plan& plan);
+bool may_stop_early(const SessionSpec& spec);
+
+/// [rad] 10° from every other light, where there are such.
+inline constexpr double held_out_distance = std::numbers::pi / 18;
+/// Angle between two lamp positions as the object's middle sees them [rad].
+double angle_between(const LightPosition& a, const LightPosition& b, const Eigen::Vector3d& middle);
+
+/// Lights that are captured to test the result and never fitted: drawn with the seed from those
+/// that show at least half as many cells as the richest candidate and, where there are such, stand
+/// clear of every planned light, so that the test is not of a light just seen.
+std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec);
+
+}  // namespace lightrig
