@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <system_error>
+#include <utility>
 
 #include "core/brdf_table.h"
 #include "daemon/session/compare.h"
@@ -122,17 +124,36 @@ std::string brdf_difference(const std::string& a, const std::string& b) {
   return different == 0 ? "" : fmt::format("differs in {} of {} values", different, left->f.size());
 }
 
+// What is wrong, one line for each file however many checks find fault with it.
+class Findings {
+ public:
+  void add(const std::string& file, const std::string& what) {
+    const auto [at, is_new] = line_of_.try_emplace(file, lines_.size());
+    if (is_new) {
+      lines_.push_back(fmt::format("{}: {}", file, what));
+    } else if (lines_[at->second].find(what) == std::string::npos) {
+      lines_[at->second] += "; " + what;
+    }
+  }
+  void add(const std::string& what) { lines_.push_back(what); }
+  std::size_t size() const { return lines_.size(); }
+  std::vector<std::string> lines() && { return std::move(lines_); }
+
+ private:
+  std::vector<std::string> lines_;
+  std::map<std::string, std::size_t> line_of_;
+};
+
 struct Reproduction {
-  int equal_bytes = 0, equal_numbers = 0;
-  std::vector<std::string> findings;
+  int equal_bytes = 0, equal_numbers = 0, unequal = 0;
 };
 
 void compare_file(const fs::path& stored, const fs::path& again, const std::string& name,
-                  Reproduction& out) {
+                  Reproduction& out, Findings& findings) {
   const auto was = read_file(stored), is = read_file(again);
   if (!was || !is) {
-    out.findings.push_back(fmt::format(
-        "{}: {}", name, was ? "the reduction no longer makes it" : was.error().message));
+    ++out.unequal;
+    findings.add(name, was ? "the reduction no longer makes it" : was.error().message);
     return;
   }
   if (*was == *is) {
@@ -153,7 +174,8 @@ void compare_file(const fs::path& stored, const fs::path& again, const std::stri
   if (problem.empty()) {
     ++out.equal_numbers;
   } else {
-    out.findings.push_back(fmt::format("{}: {} when the frames are reduced again", name, problem));
+    ++out.unequal;
+    findings.add(name, problem + " when the frames are reduced again");
   }
 }
 
@@ -169,7 +191,7 @@ std::set<std::string> files_in(const fs::path& folder) {
   return names;
 }
 
-Reproduction reproduce(const fs::path& session, const fs::path& again) {
+Reproduction reproduce(const fs::path& session, const fs::path& again, Findings& findings) {
   Reproduction out;
   for (const char* folder : {"radiance", "result"}) {
     std::set<std::string> names = files_in(session / folder);
@@ -177,44 +199,44 @@ Reproduction reproduce(const fs::path& session, const fs::path& again) {
     names.merge(files_in(again / folder));
     for (const std::string& name : names) {
       compare_file(session / folder / name, again / folder / name, std::string(folder) + "/" + name,
-                   out);
+                   out, findings);
     }
   }
   return out;
 }
 
 // Every file that was sealed, against its checksum then; and every file against the list.
-int check_manifest(const SessionFolder& folder, std::vector<std::string>& findings) {
+int check_manifest(const SessionFolder& folder, Findings& findings) {
   const auto digests = read_manifest(folder);
   if (!digests) {
-    findings.push_back(digests.error().message);
+    findings.add(digests.error().message);
     return 0;
   }
   for (const auto& [name, digest] : *digests) {
     const auto bytes = read_file(folder.root / name);
     if (!bytes) {
-      findings.push_back(fmt::format("{}: {}", name, bytes.error().message));
+      findings.add(name, bytes.error().message);
     } else if (sha256_hex(*bytes) != digest) {
-      findings.push_back(name + ": is not what was sealed (checksum differs)");
+      findings.add(name, "is not what was sealed (checksum differs)");
     }
   }
   const auto files = files_below(folder.root, folder.root);
   if (!files) {
-    findings.push_back(files.error().message);
+    findings.add(files.error().message);
     return static_cast<int>(digests->size());
   }
   for (const fs::path& file : *files) {
     if (folder.root / file == folder.manifest() || digests->contains(file.generic_string())) {
       continue;
     }
-    findings.push_back(file.generic_string() +
-                       ": is not in the manifest: it was put there after the session was sealed");
+    findings.add(file.generic_string(),
+                 "is not in the manifest: it was put there after the session was sealed");
   }
   return static_cast<int>(digests->size());
 }
 
 // Every frame the journal names, against the checksum it was journaled with.
-int check_frames(const SessionRecord& record, std::vector<std::string>& findings) {
+int check_frames(const SessionRecord& record, Findings& findings) {
   std::vector<StoredFrame> frames = record.darks;
   for (const CapturedShot& shot : record.shots) {
     frames.insert(frames.end(), shot.frames.begin(), shot.frames.end());
@@ -222,29 +244,27 @@ int check_frames(const SessionRecord& record, std::vector<std::string>& findings
   for (const StoredFrame& frame : frames) {
     const auto bytes = read_file(record.folder.root / frame.file);
     if (!bytes) {
-      findings.push_back(fmt::format("{}: {}", frame.file, bytes.error().message));
+      findings.add(frame.file, bytes.error().message);
     } else if (!frame.sha256.empty() && sha256_hex(*bytes) != frame.sha256) {
-      findings.push_back(frame.file + ": is not what was journaled (checksum differs)");
+      findings.add(frame.file, "is not what was journaled (checksum differs)");
     }
   }
   return static_cast<int>(frames.size());
 }
 
-std::string check_reduction(const fs::path& session, int threads,
-                            std::vector<std::string>& findings) {
+std::string check_reduction(const fs::path& session, int threads, Findings& findings) {
   const TemporaryFolder again;
   if (again.path().empty()) {
-    findings.emplace_back("reduction: no temporary folder can be made; set TMPDIR");
+    findings.add("reduction: no temporary folder can be made; set TMPDIR");
     return "not reduced again";
   }
   const auto reduced = reduce_session(session, again.path(), threads);
   if (!reduced) {
-    findings.push_back("reduction: " + reduced.error().message);
+    findings.add("reduction: " + reduced.error().message);
     return "cannot be reduced";
   }
-  const Reproduction found = reproduce(session, again.path());
-  findings.insert(findings.end(), found.findings.begin(), found.findings.end());
-  if (found.equal_bytes + found.equal_numbers == 0 && found.findings.empty()) {
+  const Reproduction found = reproduce(session, again.path(), findings);
+  if (found.equal_bytes + found.equal_numbers + found.unequal == 0) {
     return "reducible, not reduced yet";
   }
   if (found.equal_numbers == 0) {
@@ -270,19 +290,21 @@ Result<VerifyReport> verify_session(const fs::path& session, int threads) {
         fmt::format("verify '{}': not a session folder (no session.json)", session.string()));
   }
   VerifyReport report;
+  Findings findings;
   int sealed_files = 0;
   const bool sealed = fs::exists(folder.manifest(), ignored);
-  if (sealed) sealed_files = check_manifest(folder, report.findings);
+  if (sealed) sealed_files = check_manifest(folder, findings);
   const auto record = read_session_folder(session);
   if (!record) {
-    report.findings.push_back(record.error().message);
-    report.summary =
-        fmt::format("'{}' is damaged: {}", session.string(), counted(report.findings.size()));
+    findings.add(record.error().message);
+    report.summary = fmt::format("'{}' is damaged: {}", session.string(), counted(findings.size()));
+    report.findings = std::move(findings).lines();
     return report;
   }
-  const int frames = check_frames(*record, report.findings);
+  const int frames = check_frames(*record, findings);
   const std::string reduction =
-      frames == 0 ? "nothing captured yet" : check_reduction(session, threads, report.findings);
+      frames == 0 ? "nothing captured yet" : check_reduction(session, threads, findings);
+  report.findings = std::move(findings).lines();
   report.sound = report.findings.empty();
   report.summary = fmt::format(
       "{}: {}: {}, {} journal events, {} frames, {}; {}", session.filename().string(),

@@ -42,6 +42,8 @@ std::string small_copy(const std::string& name, const fs::path& sessions) {
   text = with(text, "fx_px", fmt::format("{}", fx / 4));
   text = with(text, "session_root", "\"" + sessions.string() + "\"");
   text = with(text, "max_lights", "4");
+  text = with(text, "leave_out_families",
+              R"(["plastic", "metal", "retroreflector", "fabric", "wood"])");
   return std::regex_replace(text, std::regex("\"\\.\\./controllers/"),
                             fmt::format("\"{}/config/controllers/", test::source_dir));
 }

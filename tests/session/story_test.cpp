@@ -42,6 +42,9 @@ std::string small_demo_rig(const fs::path& sessions) {
           std::string(lightrig::test::source_dir) + "/config/controllers/generic.toml");
   replace(text, "count = 1000", "count = 120");
   replace(text, "max_lights = 7", "max_lights = 4");
+  // Half the set: what reducing and verifying costs is the basis, and they do it ten times here.
+  replace(text, R"(leave_out_families = ["plastic"])",
+          R"(leave_out_families = ["plastic", "metal", "retroreflector", "fabric", "wood"])");
   return text;
 }
 
@@ -115,7 +118,8 @@ TEST_F(Story, ResultJsonAgreesWithTheFilesBesideIt) {
   const auto brdf = load_brdf(session_);
   ASSERT_TRUE(brdf);
   EXPECT_EQ(json["curve"].size(), 4);
-  EXPECT_EQ(json["method"]["basis"]["source"], "built-in set, without plastic");
+  EXPECT_EQ(json["method"]["basis"]["source"],
+            "built-in set, without plastic, metal, retroreflector, fabric, wood");
   EXPECT_EQ(json["curve"].back()["true_error_percent"], json["error"]["percent_log"]);
   EXPECT_EQ(json["lights"].size(), 5);
   EXPECT_GT(json["left_out"]["repeated_bins"]["left_out"], 1000);
@@ -147,27 +151,21 @@ TEST_F(Story, TheResultSaysTheSameOfWhatWasLeftOutAsThePlan) {
   EXPECT_EQ(json["left_out"]["candidates_unreachable"]["of"], 120) << "candidates of the rig file";
 }
 
-TEST_F(Story, IsFoundSound) {
-  const auto report = verify_session(session_, 1);  // reduced with two threads
+TEST_F(Story, IsFoundSoundUnderAnotherName) {
+  const fs::path moved = session_.parent_path() / "renamed";
+  fs::rename(session_, moved);
+  const auto report = verify_session(moved, 1);  // reduced with two threads
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_THAT(report->findings, SizeIs(0));
   EXPECT_TRUE(report->sound);
   EXPECT_THAT(report->summary, HasSubstr("reproduced"));
-  EXPECT_THAT(report->summary, HasSubstr("story: sound: done"));
+  EXPECT_THAT(report->summary, HasSubstr("renamed: sound: done"));
 }
 
 TEST_F(Story, KeepsItsSealWhenReducedAgain) {
   ASSERT_TRUE(reduce_session(session_, "", 2));
   const auto report = verify_session(session_, 2);
   ASSERT_TRUE(report);
-  EXPECT_THAT(report->findings, SizeIs(0));
-}
-
-TEST_F(Story, IsFoundSoundUnderAnotherName) {
-  const fs::path copy = session_.parent_path() / "renamed";
-  fs::copy(session_, copy, fs::copy_options::recursive);
-  const auto report = verify_session(copy, 1);
-  ASSERT_TRUE(report) << report.error().message;
   EXPECT_THAT(report->findings, SizeIs(0));
 }
 
@@ -213,21 +211,16 @@ TEST_F(Story, NamesAResultThatTheFramesDoNotGive) {
               testing::Contains(HasSubstr("result/result.json: differs at method.components")));
 }
 
-TEST_F(Story, NamesAMissingFile) {
+TEST_F(Story, NamesAFileThatIsMissingAndOneThatWasPutThereAfterTheSeal) {
   fs::remove(session_ / "radiance/L02.exr");
-  const auto report = verify_session(session_, 1);
-  ASSERT_TRUE(report);
-  EXPECT_THAT(report->findings, testing::Contains(HasSubstr("radiance/L02.exr")));
-}
-
-TEST_F(Story, NamesAFileThatWasPutThereAfterTheSeal) {
   std::ofstream(session_ / "frames/L01/more.exr") << "not a frame of this session";
   const auto report = verify_session(session_, 2);
   ASSERT_TRUE(report);
   EXPECT_FALSE(report->sound);
-  EXPECT_THAT(report->findings,
-              testing::ElementsAre(HasSubstr("frames/L01/more.exr: is not in the manifest")));
-  EXPECT_THAT(report->summary, HasSubstr("story: 1 finding: "));
+  EXPECT_THAT(report->findings, testing::UnorderedElementsAre(
+                                    HasSubstr("radiance/L02.exr"),
+                                    HasSubstr("frames/L01/more.exr: is not in the manifest")));
+  EXPECT_THAT(report->summary, HasSubstr("story: 2 findings: "));
 }
 
 TEST_F(Story, IsComparedAndExported) {
