@@ -35,11 +35,19 @@ std::uint32_t spread(std::uint32_t v) {
 
 double ratio(double a, double d2) { return a > 0 ? (d2 > a * a ? a * a / d2 : 1.0) : 0.0; }
 
-/// The greatest squared sine of the segment from p to q, seen from the origin: along it n·d/|d| has
-/// one extremum, where the derivative is 0.
-double of_segment(const Eigen::Vector3d& p, const Eigen::Vector3d& q, const Eigen::Vector3d& n) {
-  const Eigen::Vector3d along = q - p;
-  const double a = n.dot(p), b = n.dot(along), pp = p.squaredNorm(), pq = p.dot(along),
+/// A corner of a triangle as seen from the origin: n·p and |p|².
+struct Corner {
+  Eigen::Vector3d p;
+  double a, pp;
+};
+
+/// The greatest squared sine inside the segment from p to q, seen from the origin: along it n·d/|d|
+/// has one extremum, where the derivative is 0.
+double of_segment(const Corner& from, const Corner& to) {
+  if (!(from.a > 0) && !(to.a > 0)) return 0;  // all of it below the horizontal
+  const Eigen::Vector3d& p = from.p;
+  const Eigen::Vector3d along = to.p - p;
+  const double a = from.a, b = to.a - from.a, pp = from.pp, pq = p.dot(along),
                qq = along.squaredNorm();
   const double above = b * pp - a * pq, below = a * qq - b * pq;
   if (below == 0) return 0;
@@ -222,15 +230,17 @@ double HorizonTree::of_triangles_at(std::int32_t vertex, const Eigen::Vector3d& 
   const auto v = static_cast<std::size_t>(vertex);
   for (std::int32_t c = first_corner_[v]; c < first_corner_[v + 1]; ++c) {
     const Eigen::Index t = corner_[static_cast<std::size_t>(c)];
-    std::array<Eigen::Vector3d, 3> p;
+    std::array<Corner, 3> at;
     for (int i = 0; i < 3; ++i) {
-      const auto u = static_cast<std::size_t>(i);
-      p[u] = vertices_.col(triangles_(i, t)) - eye;
-      best = std::max(best, ratio(n.dot(p[u]), p[u].squaredNorm()));
+      Corner& corner = at[static_cast<std::size_t>(i)];
+      corner.p = vertices_.col(triangles_(i, t)) - eye;
+      corner.a = n.dot(corner.p);
+      corner.pp = corner.p.squaredNorm();
+      best = std::max(best, ratio(corner.a, corner.pp));
     }
     best = std::max(
-        {best, of_segment(p[0], p[1], n), of_segment(p[1], p[2], n), of_segment(p[2], p[0], n)});
-    if (meets(p[0], p[1], p[2], n)) return 1;
+        {best, of_segment(at[0], at[1]), of_segment(at[1], at[2]), of_segment(at[2], at[0])});
+    if (meets(at[0].p, at[1].p, at[2].p, n)) return 1;
   }
   return best;
 }

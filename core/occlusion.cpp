@@ -50,11 +50,13 @@ struct UnitRay {
   double length = 0;   ///< to the far end
 };
 
-/// The part of a ray inside a sphere a little larger than the unit sphere; empty where they do not
+/// Radius of a sphere a little larger than the unit sphere.
+constexpr double reach = 1.01;
+
+/// The part of a ray inside that sphere; empty where they do not
 /// meet. Starting there keeps single precision even for a camera a thousand radii away.
 std::optional<UnitRay> clip(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                             double length) {
-  constexpr double reach = 1.01;
   const double b = origin.dot(direction);
   const Eigen::Vector3d nearest = origin - b * direction;
   const double half2 = reach * reach - nearest.squaredNorm();
@@ -171,7 +173,11 @@ struct Occluder::Scene {
   std::optional<UnitRay> shadow_ray(const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
                                     const LightPosition& light) const {
     const Eigen::Vector3d start = frame.to_unit(point) + offset_in_radii * normal;
-    if (light.distant) return clip(start, light.p, std::numeric_limits<double>::max());
+    if (light.distant) {
+      // Within the sphere, where surface points are, a ray of its diameter leaves it on any way.
+      if (start.squaredNorm() <= reach * reach) return UnitRay{start, light.p, 0, 2 * reach};
+      return clip(start, light.p, std::numeric_limits<double>::max());
+    }
     const Eigen::Vector3d way = frame.to_unit(light.p) - start;
     const double length = way.norm();
     if (!(length > 0)) return std::nullopt;
