@@ -130,16 +130,7 @@ void replan(benchmark::State& state, Criterion criterion) {
   SelectionOptions options = seven(criterion, 1);
   LightPlanner planner(stage.basis, bins, options);
   const Selection whole = planner.select(options);
-  options.excluded.assign(stage.lights.size(), 0);
-  for (std::size_t i = 0; i < whole.lights.size(); ++i) {
-    const int candidate = whole.lights[i].candidate;
-    if (i == 2) {
-      options.excluded[static_cast<std::size_t>(candidate)] = 1;
-    } else {
-      options.already.push_back(candidate);
-    }
-  }
-  options.max_lights = 1;
+  test::lose_third_light(whole, stage.lights.size(), options);
   for (auto _ : state) benchmark::DoNotOptimize(planner.select(options));
 }
 BENCHMARK_CAPTURE(replan, condition, Criterion::condition)->Unit(benchmark::kMillisecond);

@@ -18,8 +18,6 @@ inline constexpr int lane_width = 8;
   return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
 }
 
-using LaneMask [[gnu::vector_size(64)]] = std::int64_t;
-
 #if defined(__x86_64__)
 template <class Body>
 [[gnu::target("arch=x86-64-v4,prefer-vector-width=512")]] inline auto on_level_4(const Body& body) {

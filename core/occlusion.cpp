@@ -68,6 +68,23 @@ std::optional<UnitRay> clip(const Eigen::Vector3d& origin, const Eigen::Vector3d
   return UnitRay{origin + enter * direction, direction, enter, leave - enter};
 }
 
+RTCRay embree_ray(const UnitRay& ray) {
+  const Eigen::Vector3f origin = ray.origin.cast<float>();
+  const Eigen::Vector3f direction = ray.direction.cast<float>();
+  return {origin.x(),
+          origin.y(),
+          origin.z(),
+          0.0F,
+          direction.x(),
+          direction.y(),
+          direction.z(),
+          0.0F,
+          static_cast<float>(ray.length),
+          ~0U,
+          0U,
+          0U};
+}
+
 /// Whether the mesh bounds one convex body: every edge is shared by exactly two triangles that run
 /// along it in opposite directions, no edge is concave, and the Euler characteristic is that of a
 /// sphere. (A closed surface that is locally convex everywhere and a topological sphere is the
@@ -230,20 +247,7 @@ std::optional<Hit> Occluder::first_hit(const Ray& ray) const {
       clip(scene_->frame.to_unit(ray.origin), ray.direction, std::numeric_limits<double>::max());
   if (!unit) return std::nullopt;
   RTCRayHit query{};
-  const Eigen::Vector3f origin = unit->origin.cast<float>();
-  const Eigen::Vector3f direction = unit->direction.cast<float>();
-  query.ray = {origin.x(),
-               origin.y(),
-               origin.z(),
-               0.0F,
-               direction.x(),
-               direction.y(),
-               direction.z(),
-               0.0F,
-               static_cast<float>(unit->length),
-               ~0U,
-               0U,
-               0U};
+  query.ray = embree_ray(*unit);
   query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -274,20 +278,7 @@ void Occluder::blocked(std::span<const Eigen::Vector3d> points,
     out[i] = 0;
     const std::optional<UnitRay> unit = scene_->shadow_ray(points[i], normals[i], light);
     if (!unit) continue;
-    const Eigen::Vector3f origin = unit->origin.cast<float>();
-    const Eigen::Vector3f direction = unit->direction.cast<float>();
-    RTCRay ray{origin.x(),
-               origin.y(),
-               origin.z(),
-               0.0F,
-               direction.x(),
-               direction.y(),
-               direction.z(),
-               0.0F,
-               static_cast<float>(unit->length),
-               ~0U,
-               0U,
-               0U};
+    RTCRay ray = embree_ray(*unit);
     rtcOccluded1(scene_->scene, &context, &ray);
     if (ray.tfar < 0.0F) out[i] = 1;  // Embree's mark of a blocked ray: −∞
   }

@@ -72,16 +72,20 @@ constexpr int width = lane_width;
 [[gnu::always_inline]] inline void sums_of(const Lanes& a, const Lanes& b, const Lanes& c,
                                            const Lanes& d, const Lanes& e, const Lanes& f,
                                            const Lanes& g, const Lanes& h, double* sums) {
-  const LaneMask even{0, 8, 2, 10, 4, 12, 6, 14}, odd{1, 9, 3, 11, 5, 13, 7, 15};
-  const Lanes ab = __builtin_shuffle(a, b, even) + __builtin_shuffle(a, b, odd);
-  const Lanes cd = __builtin_shuffle(c, d, even) + __builtin_shuffle(c, d, odd);
-  const Lanes ef = __builtin_shuffle(e, f, even) + __builtin_shuffle(e, f, odd);
-  const Lanes gh = __builtin_shuffle(g, h, even) + __builtin_shuffle(g, h, odd);
-  const LaneMask low{0, 1, 8, 9, 4, 5, 12, 13}, high{2, 3, 10, 11, 6, 7, 14, 15};
-  const Lanes abcd = __builtin_shuffle(ab, cd, low) + __builtin_shuffle(ab, cd, high);
-  const Lanes efgh = __builtin_shuffle(ef, gh, low) + __builtin_shuffle(ef, gh, high);
-  lanes_at(sums) = __builtin_shuffle(abcd, efgh, LaneMask{0, 1, 2, 3, 8, 9, 10, 11}) +
-                   __builtin_shuffle(abcd, efgh, LaneMask{4, 5, 6, 7, 12, 13, 14, 15});
+  const Lanes ab = __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14) +
+                   __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15);
+  const Lanes cd = __builtin_shufflevector(c, d, 0, 8, 2, 10, 4, 12, 6, 14) +
+                   __builtin_shufflevector(c, d, 1, 9, 3, 11, 5, 13, 7, 15);
+  const Lanes ef = __builtin_shufflevector(e, f, 0, 8, 2, 10, 4, 12, 6, 14) +
+                   __builtin_shufflevector(e, f, 1, 9, 3, 11, 5, 13, 7, 15);
+  const Lanes gh = __builtin_shufflevector(g, h, 0, 8, 2, 10, 4, 12, 6, 14) +
+                   __builtin_shufflevector(g, h, 1, 9, 3, 11, 5, 13, 7, 15);
+  const Lanes abcd = __builtin_shufflevector(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13) +
+                     __builtin_shufflevector(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15);
+  const Lanes efgh = __builtin_shufflevector(ef, gh, 0, 1, 8, 9, 4, 5, 12, 13) +
+                     __builtin_shufflevector(ef, gh, 2, 3, 10, 11, 6, 7, 14, 15);
+  lanes_at(sums) = __builtin_shufflevector(abcd, efgh, 0, 1, 2, 3, 8, 9, 10, 11) +
+                   __builtin_shufflevector(abcd, efgh, 4, 5, 6, 7, 12, 13, 14, 15);
 }
 
 /// Four rows at a time, each along x and along y.

@@ -11,21 +11,7 @@ import time
 
 import numpy as np
 
-
-def blas_name():
-    with open('/proc/self/maps') as maps:
-        paths = {line.split()[-1] for line in maps if 'blas' in line}
-    return ', '.join(sorted({os.path.basename(os.path.realpath(p)) for p in paths if '/' in p and 'numpy' not in p}))
-
-
-def read_problem(folder):
-    problem = {}
-    with open(os.path.join(folder, 'sizes.txt')) as sizes:
-        for line in sizes:
-            name, kind, *shape = line.split()
-            values = np.fromfile(os.path.join(folder, name + '.bin'), dtype=kind)
-            problem[name] = values.reshape([int(s) for s in shape])
-    return problem
+from plan_common import blas_name, read_problem
 
 
 def merge(frames, exposures, sensor):

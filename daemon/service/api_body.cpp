@@ -52,8 +52,9 @@ Result<void> check_body(const std::string& body, std::span<const BodyField> fiel
   const auto json = read_object(body);
   if (!json) return tl::unexpected(json.error());
   for (const auto& [name, value] : json->items()) {
-    const auto field =
-        std::ranges::find_if(fields, [&](const BodyField& f) { return name == f.name; });
+    const auto field = std::ranges::find(fields, std::string_view(name), [](const BodyField& f) {
+      return std::string_view(f.name);
+    });
     if (field == fields.end()) {
       std::string known;
       for (const BodyField& f : fields) known += (known.empty() ? "" : ", ") + std::string(f.name);

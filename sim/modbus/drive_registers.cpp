@@ -165,8 +165,8 @@ std::optional<std::uint16_t> DriveRegisters::live(RegisterTable table, int addre
   for (const auto& [name, input] : profile_.inputs) {
     const bool open =
         std::any_of(world_->rig().interlocks.begin(), world_->rig().interlocks.end(),
-                    [&](const Interlock& interlock) {
-                      return interlock.input == name &&
+                    [&, &input_name = name](const Interlock& interlock) {
+                      return interlock.input == input_name &&
                              std::count(status.open_interlocks.begin(),
                                         status.open_interlocks.end(), interlock.name) > 0;
                     });

@@ -92,12 +92,16 @@ TEST(ToBivariate, AveragesOverTheSlicesThatLieAboveTheHorizonOnly) {
     }
   }
   const BrdfTable mean = to_bivariate(table);
+  int with_value = 0;
   for (int cell = 0; cell < grid.cells(); ++cell) {
     for (int channel = 0; channel < 3; ++channel) {
       const double f = mean.f(cell, channel);
-      EXPECT_TRUE(std::isnan(f) || std::abs(f - 1.0) < 1e-12) << cell << " " << f;
+      if (std::isnan(f)) continue;
+      EXPECT_NEAR(f, 1.0, 1e-12) << cell;
+      ++with_value;
     }
   }
+  EXPECT_GT(with_value, 3 * 7500);  // of 3 · 8100: only near the edge is no slice above the horizon
 }
 
 TEST(ToMerl, GivesBackTheBivariateTableItCameFrom) {

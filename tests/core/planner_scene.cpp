@@ -260,4 +260,17 @@ CameraModel facing_camera(bool distant, double distance, int width, int height) 
   return camera;
 }
 
+void lose_third_light(const Selection& whole, std::size_t candidates, SelectionOptions& options) {
+  options.excluded.assign(candidates, 0);
+  for (std::size_t i = 0; i < whole.lights.size(); ++i) {
+    const int candidate = whole.lights[i].candidate;
+    if (i == 2) {
+      options.excluded[static_cast<std::size_t>(candidate)] = 1;
+    } else {
+      options.already.push_back(candidate);
+    }
+  }
+  options.max_lights = 1;
+}
+
 }  // namespace lightrig::test

@@ -9,6 +9,7 @@
 #include "core/camera_model.h"
 #include "core/candidate_bins.h"
 #include "core/mesh.h"
+#include "core/planner.h"
 
 namespace lightrig::test {
 
@@ -40,5 +41,8 @@ std::vector<LightPosition> spread_lights(int count, bool distant, double radius)
 /// A camera that looks at the origin from `distance` along −y, upright, a unit sphere filling most
 /// of its image; orthographic where distant.
 CameraModel facing_camera(bool distant, double distance, int width, int height);
+
+/// One more light where the third of `whole` is lost and the others stand.
+void lose_third_light(const Selection& whole, std::size_t candidates, SelectionOptions& options);
 
 }  // namespace lightrig::test

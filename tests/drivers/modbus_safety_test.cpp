@@ -20,7 +20,7 @@ namespace {
 using namespace std::chrono_literals;
 using testing::HasSubstr;
 
-enum class Wire { tcp, rtu };
+using Wire = test::ModbusWireKind;
 
 /// CRC of a frame on a serial line [Modbus over Serial Line 1.02, 6.2.2].
 std::uint16_t crc_of(const std::vector<std::uint8_t>& bytes) {
@@ -72,15 +72,8 @@ bool ask_by_hand(const std::variant<TcpEndpoint, SerialEndpoint>& endpoint,
 class ModbusSafety : public testing::TestWithParam<Wire>, protected test::ModbusLab {
  protected:
   void SetUp() override {
-    if (!backends().front().built) GTEST_SKIP() << "Modbus is left out of this build";
-    const std::string obstacle = test::enter_own_network();
-    if (!obstacle.empty()) GTEST_SKIP() << obstacle;
-    backend_.timeout = 200ms;
-    serial_.device = testing::TempDir() + "lightrig_safety_" + std::to_string(getpid());
-    if (GetParam() == Wire::tcp)
-      connect(TcpEndpoint{"127.0.0.1", 1502});
-    else
-      connect(serial_);
+    if (const std::string obstacle = connect_by(GetParam()); !obstacle.empty())
+      GTEST_SKIP() << obstacle;
   }
 
   ModbusLamp lamp_beside_the_drives() const {
@@ -95,8 +88,6 @@ class ModbusSafety : public testing::TestWithParam<Wire>, protected test::Modbus
     backend_.controller.moving.reset();
     backend_.controller.done.must_see_busy = false;
   }
-
-  SerialEndpoint serial_;
 };
 
 // Without a watchdog in the drives nobody else would stop them.

@@ -13,25 +13,16 @@ namespace {
 
 using namespace std::chrono_literals;
 
-enum class Wire { tcp, rtu };
+using Wire = test::ModbusWireKind;
 
 class ModbusWire : public testing::TestWithParam<Wire>, protected test::ModbusLab {
  protected:
   void SetUp() override {
-    if (!backends().front().built) GTEST_SKIP() << "Modbus is left out of this build";
-    const std::string obstacle = test::enter_own_network();
-    if (!obstacle.empty()) GTEST_SKIP() << obstacle;
-    backend_.timeout = 200ms;
-    serial_.device = testing::TempDir() + "lightrig_modbus_" + std::to_string(getpid());
-    if (GetParam() == Wire::tcp)
-      connect(TcpEndpoint{"127.0.0.1", 1502});
-    else
-      connect(serial_);
+    if (const std::string obstacle = connect_by(GetParam()); !obstacle.empty())
+      GTEST_SKIP() << obstacle;
     ASSERT_NO_FATAL_FAILURE(host());
     ASSERT_EQ(hosted_.size(), 1U) << "two drives on one wire are units of one server";
   }
-
-  SerialEndpoint serial_;
 };
 
 TEST_P(ModbusWire, ALampOfItsOwnUnitIsDimmedReadBackAndTellsItsTemperature) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <memory>
@@ -16,6 +17,7 @@
 #include "sim/hosted_wire.h"
 #include "sim/open_devices.h"
 #include "sim/world.h"
+#include "tests/drivers/own_network.h"
 #include "tests/paths.h"
 
 namespace lightrig::test {
@@ -103,6 +105,8 @@ class WireLab {
   }
 };
 
+enum class ModbusWireKind { tcp, rtu };
+
 /// The same for drives on Modbus, over TCP or over one serial line.
 class ModbusLab : public WireLab<ModbusGantry> {
  protected:
@@ -111,6 +115,22 @@ class ModbusLab : public WireLab<ModbusGantry> {
     for (ModbusDrive& drive : backend_.drives) drive.endpoint = endpoint;
     rig_.gantry.backend = backend_;
   }
+  /// Over Modbus TCP on a network of its own, or over a pty. Returns what stands in the way, empty
+  /// if nothing.
+  std::string connect_by(ModbusWireKind kind) {
+    if (!backends().front().built) return "Modbus is left out of this build";
+    if (std::string obstacle = enter_own_network(); !obstacle.empty()) return obstacle;
+    backend_.timeout = std::chrono::milliseconds(200);
+    serial_.device = testing::TempDir() + "lightrig_modbus_" + std::to_string(getpid());
+    if (kind == ModbusWireKind::tcp) {
+      connect(TcpEndpoint{"127.0.0.1", 1502});
+    } else {
+      connect(serial_);
+    }
+    return "";
+  }
+
+  SerialEndpoint serial_;
 };
 
 }  // namespace lightrig::test

@@ -104,6 +104,30 @@ TEST_F(ServiceOverWires, AbortDoesNotWaitForACameraThatIsDeadOrBeingOpenedAgain)
   EXPECT_FALSE(service_->snapshot().lamp_may_be_on);
 }
 
+// Drives that answer nothing take every question to its time-out, half a second each; the stop
+// command goes out all the same, and what nobody confirmed is not called dark.
+TEST_F(ServiceOverWires, AbortDoesNotWaitForAControllerThatIsSilentAndSaysThatTheLampMayBeOn) {
+  const auto spec = read_session({}, rig_);
+  ASSERT_TRUE(spec.value);
+  ASSERT_TRUE(service_->start(person, {*spec.value, {}, ""}));
+  ASSERT_TRUE(wait_until([this] { return lamp_power() > 0; })) << activity();
+  ASSERT_TRUE(hosted_->add_fault("silence count=1000000"));
+  std::this_thread::sleep_for(200ms);  // into a call that waits for its answer
+  const auto asked = steady_clock::now();
+  service_->abort(person, "by test");
+  const auto answered = steady_clock::now() - asked;
+  EXPECT_EQ(service_->snapshot().state, State::aborted);
+  ASSERT_TRUE(wait_until([this] { return !service_->snapshot().busy; })) << activity();
+  const auto ended = steady_clock::now() - asked;
+  EXPECT_LT(answered, 300ms);  // less than one time-out
+  EXPECT_LT(ended, 10s);
+  EXPECT_TRUE(service_->snapshot().lamp_may_be_on);
+  const Snapshot now = service_->snapshot();
+  ASSERT_TRUE(now.session);
+  // A fault on top of the abort: nobody confirmed that the lamp is dark.
+  EXPECT_EQ(now.session->state, "faulted");
+}
+
 TEST_F(ServiceOverWires, ALampThatAPersonLeftOnGoesDarkWhenItsLeaseEnds) {
   const auto lit = steady_clock::now();
   ASSERT_TRUE(service_->lamp(person, 1));
