@@ -38,7 +38,7 @@ struct BinningSetting {
 
 /// A lit, camera-facing point and the key of the cell that one light shows there: the cell itself,
 /// or its row where the light shows one column.
-struct LitPoint {
+struct BinnedPoint {
   std::int32_t point, key;
 };
 
@@ -49,7 +49,7 @@ struct RowInterval {
 
 /// Memory that one worker uses again for every candidate.
 struct BinningScratch {
-  std::vector<LitPoint> lit;
+  std::vector<BinnedPoint> lit;
   std::vector<std::uint8_t> filled;  ///< (keys), all zero between candidates
   std::vector<std::int32_t> start;   ///< (keys + 1)
   std::vector<std::int32_t> sorted;  ///< lit points by key

@@ -28,7 +28,7 @@ void cast_shadow_rays(const BinningSetting& setting, const LightPosition& light,
 void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& light,
                          std::size_t keys, BinningScratch& scratch, BinningStatistics& statistics) {
   scratch.start.assign(keys + 1, 0);
-  for (const LitPoint& lit : scratch.lit) ++scratch.start[static_cast<std::size_t>(lit.key) + 1];
+  for (const BinnedPoint& lit : scratch.lit) ++scratch.start[static_cast<std::size_t>(lit.key) + 1];
   scratch.open.clear();
   for (std::size_t c = 0; c < keys; ++c) {
     if (scratch.start[c + 1] > 0) scratch.open.push_back(static_cast<std::int32_t>(c));
@@ -36,7 +36,7 @@ void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& lig
   }
   scratch.sorted.resize(scratch.lit.size());
   scratch.next.assign(scratch.start.begin(), scratch.start.end() - 1);
-  for (const LitPoint& lit : scratch.lit) {
+  for (const BinnedPoint& lit : scratch.lit) {
     const auto at = static_cast<std::size_t>(scratch.next[static_cast<std::size_t>(lit.key)]++);
     scratch.sorted[at] = lit.point;
   }
@@ -123,7 +123,7 @@ void find_others(const BinningSetting& setting, BinningScratch& scratch) {
 void fill_by_all_rays(const BinningSetting& setting, const LightPosition& light,
                       BinningScratch& scratch, BinningStatistics& statistics) {
   scratch.point.clear();
-  for (const LitPoint& lit : scratch.lit) scratch.point.push_back(lit.point);
+  for (const BinnedPoint& lit : scratch.lit) scratch.point.push_back(lit.point);
   cast_shadow_rays(setting, light, scratch, statistics);
   for (std::size_t k = 0; k < scratch.lit.size(); ++k) {
     if (scratch.blocked[k] == 0) {
@@ -143,7 +143,7 @@ void fill_from_all_points(const BinningSetting& setting, const LightPosition& li
                  : first_tries,
            scratch, statistics);
   if (!rays) {
-    for (const LitPoint& lit : scratch.lit) scratch.filled[static_cast<std::size_t>(lit.key)] = 1;
+    for (const BinnedPoint& lit : scratch.lit) scratch.filled[static_cast<std::size_t>(lit.key)] = 1;
   } else if (all) {
     fill_by_all_rays(setting, light, scratch, statistics);
   } else {

@@ -18,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-constexpr RigChange five_lights{"max_lights = 3", "max_lights = 5"};
+const RigChange five_lights{"max_lights = 3", "max_lights = 5"};
 
 /// The plan of five lights, computed once.
 const Prepared& five_light_plan() {
