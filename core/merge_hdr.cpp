@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <thread>
@@ -125,6 +126,8 @@ struct Merger {
   RadianceImage* image = nullptr;
 
   int level = 2;  ///< of the processor
+  /// (2)(width) [W m⁻² sr⁻¹ s/e⁻] of even and odd rows: a filter repeats every two.
+  std::array<std::vector<float>, 2> response_rows = {};
 
   void merge_block(std::size_t first, std::size_t n, const float* per_electron) const;
 };
@@ -232,8 +235,9 @@ void leave_unknown(RadianceImage& image, std::size_t first, std::size_t last) {
 void merge_rows(const Merger& merger, int begin, int end) {
   RadianceImage& image = *merger.image;
   const RowSpans* spans = merger.options->spans;
-  float per_electron[block];
   for (int row = begin; row < end; ++row) {
+    const std::vector<float>& per_electron =
+        merger.response_rows[static_cast<std::size_t>(row % 2)];
     const auto width = static_cast<std::size_t>(image.width);
     std::size_t first = 0, last = width;
     if (spans != nullptr) {
@@ -245,13 +249,8 @@ void merge_rows(const Merger& merger, int begin, int end) {
     }
     for (std::size_t column = first; column < last; column += block) {
       const std::size_t n = std::min(block, last - column);
-      for (std::size_t i = 0; i < n; ++i) {
-        const int channel = channel_at(image.filter, row, static_cast<int>(column + i));
-        per_electron[i] = static_cast<float>(1 / merger.sensor->response[channel]);
-      }
-      merger.merge_block(
-          static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width) + column, n,
-          per_electron);
+      merger.merge_block(static_cast<std::size_t>(row) * width + column, n,
+                         per_electron.data() + column);
     }
   }
 }
@@ -315,6 +314,13 @@ Result<RadianceImage> merge_hdr(std::span<const Frame> bracket, std::span<const 
   const std::vector<DarkMean> darks = dark_means(bracket, dark);
   Merger merger{describe(bracket, darks, sensor), &sensor, &options, 0, 0, &image};
   merger.level = vector_level();
+  for (int row = 0; row < 2; ++row) {
+    for (int column = 0; column < width; ++column) {
+      const int channel = channel_at(sensor.filter, row, column);
+      merger.response_rows[static_cast<std::size_t>(row)].push_back(
+          static_cast<float>(1 / sensor.response[channel]));
+    }
+  }
   merger.full_counts = saturation_counts(sensor, options.saturation_margin);
   merger.shortest = std::min_element(merger.exposures.begin(), merger.exposures.end(),
                                      [](const Exposure& a, const Exposure& b) { return a.t < b.t; })

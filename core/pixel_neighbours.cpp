@@ -97,14 +97,18 @@ double PixelNeighbours::bend_along(Eigen::Index i, int rows, int columns) const 
   return (ahead + behind - 2 * points_.normal.col(i)).norm() / (spacing_ * spacing_);
 }
 
-bool PixelNeighbours::beside(Eigen::Index i, const std::vector<std::uint8_t>& flagged) const {
-  for (int rows = -1; rows <= 1; ++rows) {
-    for (int columns = -1; columns <= 1; ++columns) {
-      const std::int32_t j = at(i, rows, columns);
-      if (j >= 0 && j != i && flagged[static_cast<std::size_t>(j)] != 0) return true;
+std::vector<std::uint8_t> PixelNeighbours::beside(const std::vector<std::uint8_t>& flagged) const {
+  std::vector<std::uint8_t> out(flagged.size(), 0);
+  for (std::size_t i = 0; i < flagged.size(); ++i) {
+    if (flagged[i] == 0) continue;
+    for (int rows = -1; rows <= 1; ++rows) {
+      for (int columns = -1; columns <= 1; ++columns) {
+        const std::int32_t j = at(static_cast<Eigen::Index>(i), rows, columns);
+        if (j >= 0 && static_cast<std::size_t>(j) != i) out[static_cast<std::size_t>(j)] = 1;
+      }
     }
   }
-  return false;
+  return out;
 }
 
 PixelNeighbours::Slopes PixelNeighbours::slopes(Eigen::Index i) const {

@@ -21,8 +21,9 @@ class PixelNeighbours {
   /// typical one of this picture, that its value is a mean over several cells of the grid.
   bool whole(Eigen::Index i) const { return whole_[static_cast<std::size_t>(i)] != 0; }
 
-  /// Whether any of the eight neighbours has its flag set (points).
-  bool beside(Eigen::Index i, const std::vector<std::uint8_t>& flagged) const;
+  /// (points) 1: any of the eight neighbours has its flag set (points). Takes as long as there are
+  /// flags, which are mostly few.
+  std::vector<std::uint8_t> beside(const std::vector<std::uint8_t>& flagged) const;
 
   /// Change per pixel along columns (u) and rows (v), by central differences; i must be whole.
   struct Slopes {

@@ -82,6 +82,30 @@ void add_site(CellSum& sum, const RadianceImage& image, const RadianceImage* amb
   sum.L2 += L * L;
 }
 
+/// Channel of a site. Sites mostly come in the order of the picture: the row is that of the last.
+class SiteChannel {
+ public:
+  explicit SiteChannel(const RadianceImage& image)
+      : mono_(image.filter == ColorFilter::mono), width_(image.width) {
+    for (int i = 0; i < 4 && !mono_; ++i) {
+      channel_[static_cast<std::size_t>(i)] = channel_at(image.filter, i / 2, i % 2);
+    }
+  }
+  int operator()(int site) {
+    if (mono_) return 0;
+    if (site < begin_ || site >= begin_ + width_) {
+      row_ = site / width_;
+      begin_ = row_ * width_;
+    }
+    return channel_[static_cast<std::size_t>(2 * (row_ % 2) + (site - begin_) % 2)];
+  }
+
+ private:
+  bool mono_;
+  int width_, row_ = 0, begin_ = 0;
+  std::array<int, 4> channel_ = {};  ///< of a filter's four places
+};
+
 /// Footprints of at most `options.footprints` sites of every row of values, evenly over its sites.
 std::vector<Footprint> footprints_of(const SiteGeometry& g, const RadianceImage& image,
                                      const std::vector<SitePoint>& sites,
@@ -98,13 +122,14 @@ std::vector<Footprint> footprints_of(const SiteGeometry& g, const RadianceImage&
     row_of[key(rows[i].channel, rows[i].cell)] = static_cast<std::int32_t>(i);
   }
   std::vector<std::int32_t> seen(rows.size(), 0);
+  SiteChannel channel_of(image);
   std::vector<Footprint> out;
   for (std::size_t i = 0; i < sites.size(); ++i) {
     const SitePoint& point = sites[i];
     if (!point.lit()) continue;
     const int site = *site_of(g, static_cast<Eigen::Index>(i), image.width, image.height);
     if (image.site[static_cast<std::size_t>(site)] == RadianceImage::Site::saturated) continue;
-    const int channel = channel_at(image.filter, site / image.width, site % image.width);
+    const int channel = channel_of(site);
     const std::int32_t row = row_of[key(channel, point.cell())];
     if (row < 0) continue;
     const auto at = static_cast<std::size_t>(row);
@@ -120,32 +145,18 @@ std::vector<Footprint> footprints_of(const SiteGeometry& g, const RadianceImage&
   return out;
 }
 
-void count(ExtractionStatistics& s, PointState state) {
-  switch (state) {
-    case PointState::unlit:
-      ++s.unlit;
-      break;
-    case PointState::grazing:
-      ++s.grazing;
-      break;
-    case PointState::invalid_cell:
-      ++s.invalid_cell;
-      break;
-    case PointState::shadowed:
-      ++s.shadowed;
-      break;
-    case PointState::boundary:
-      ++s.boundary;
-      break;
-    case PointState::off_image:
-      ++s.off_image;
-      break;
-    case PointState::blocked:
-      ++s.blocked;
-      break;
-    case PointState::lit:
-      break;
-  }
+/// Points by what became of them, in the order of PointState.
+using StateCounts = std::array<std::int64_t, 8>;
+
+void count(const StateCounts& states, ExtractionStatistics& out) {
+  const auto of = [&](PointState state) { return states[static_cast<std::size_t>(state)]; };
+  out.unlit = of(PointState::unlit);
+  out.grazing = of(PointState::grazing);
+  out.invalid_cell = of(PointState::invalid_cell);
+  out.shadowed = of(PointState::shadowed);
+  out.boundary = of(PointState::boundary);
+  out.off_image = of(PointState::off_image);
+  out.blocked = of(PointState::blocked);
 }
 
 /// Sums per channel and cell.
@@ -162,11 +173,13 @@ struct Sums {
   }
 
   /// Adds point i; returns its site.
-  std::size_t add(std::size_t i, const SitePoint& point, std::vector<CellSum>& sums) const {
-    const int site = *site_of(*geometry, static_cast<Eigen::Index>(i), image->width, image->height);
-    const int channel = image->filter == ColorFilter::mono
-                            ? 0
-                            : channel_at(image->filter, site / image->width, site % image->width);
+  std::size_t add(std::size_t i, const SitePoint& point, SiteChannel& channel_of,
+                  std::vector<CellSum>& sums) const {
+    const SurfacePoints& points = *geometry->points;
+    const int site = points.from_pixels ? points.source[i]
+                                        : *site_of(*geometry, static_cast<Eigen::Index>(i),
+                                                   image->width, image->height);
+    const int channel = channel_of(site);
     const double a = options->lamp_strength[channel] * double{point.irradiance};
     const auto key =
         static_cast<std::size_t>(channel * geometry->cells->grid().cells() + point.cell());
@@ -177,20 +190,29 @@ struct Sums {
   std::vector<CellSum> over(const std::vector<std::size_t>& points,
                             const std::vector<SitePoint>& sites) const {
     std::vector<CellSum> sums = none();
-    for (const std::size_t i : points) add(i, sites[i], sums);
+    SiteChannel channel_of(*image);
+    for (const std::size_t i : points) add(i, sites[i], channel_of, sums);
     return sums;
   }
 
   std::vector<CellSum> over_all(const std::vector<SitePoint>& sites,
                                 ExtractionStatistics& statistics) const {
     std::vector<CellSum> sums = none();
+    SiteChannel channel_of(*image);
+    StateCounts states = {};
+    std::int64_t saturated = 0, dark = 0;
     for (std::size_t i = 0; i < sites.size(); ++i) {
-      count(statistics, sites[i].state());
-      if (!sites[i].lit()) continue;
-      const std::size_t site = add(i, sites[i], sums);
-      statistics.saturated += image->site[site] == RadianceImage::Site::saturated;
-      statistics.dark += image->site[site] == RadianceImage::Site::dark;
+      if (!sites[i].lit()) {
+        ++states[static_cast<std::size_t>(sites[i].state())];
+        continue;
+      }
+      const std::size_t site = add(i, sites[i], channel_of, sums);
+      saturated += image->site[site] == RadianceImage::Site::saturated;
+      dark += image->site[site] == RadianceImage::Site::dark;
     }
+    count(states, statistics);
+    statistics.saturated = saturated;
+    statistics.dark = dark;
     return sums;
   }
 };

@@ -31,7 +31,9 @@ namespace {
     out.cos_i[i] = cos_i;
     out.cos_o[i] = nx * vx + ny * vy + nz * vz;
     out.sum2[i] = s2;
-    out.difference2[i] = dx * dx + dy * dy + dz * dz;
+    const double d2 = dx * dx + dy * dy + dz * dz;
+    out.difference2[i] = d2;
+    out.tangent2[i] = d2 / s2;
     out.chord2[i] = x * x + y * y + z * z;
     out.irradiance[i] = cos_i / length2;
   }

@@ -13,8 +13,9 @@ struct SiteAngles {
   alignas(64) double cos_o[size];
   alignas(64) double sum2[size];         ///< |l + v|²; near 0 there is no half vector
   alignas(64) double difference2[size];  ///< |l − v|²
-  alignas(64) double chord2[size];       ///< 4 sin²(θh/2)
-  alignas(64) double irradiance[size];   ///< falloff · cos θi, per unit of lamp strength
+  alignas(64) double tangent2[size];  ///< tan²θd, the ratio of the two; no number where both are 0
+  alignas(64) double chord2[size];    ///< 4 sin²(θh/2)
+  alignas(64) double irradiance[size];  ///< falloff · cos θi, per unit of lamp strength
 };
 
 /// Fills the first `count` ≤ size entries from points whose coordinates stand three by three, as

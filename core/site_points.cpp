@@ -20,31 +20,45 @@ std::optional<std::int32_t> site_of(const SiteGeometry& g, Eigen::Index i, int w
 
 namespace {
 
-/// What point i of a run that begins at `first` is, from the run's angles.
-SitePoint place(const SiteGeometry& g, Eigen::Index first, std::size_t i, const SiteAngles& angles,
-                int width, int height) {
+/// What point i of a run that begins at `first` is, from the run's angles. `everywhere`: the lamp
+/// sends alike all round, so that where the point lies is not asked.
+template <bool everywhere>
+[[gnu::always_inline]] inline SitePoint place(const SiteGeometry& g, Eigen::Index first,
+                                              std::size_t i, const SiteAngles& angles, int width,
+                                              int height) {
   SitePoint out;
   out.set(PointState::off_image);
   const Eigen::Index at = first + static_cast<Eigen::Index>(i);
   if (!g.points->from_pixels && !site_of(g, at, width, height)) return out;
   out.set(PointState::unlit);
   // l = −v has no half vector; its θd is beyond any limit.
-  const double sum2 = angles.sum2[i];
-  if (angles.cos_i[i] <= 0 || angles.cos_o[i] <= 0 || sum2 < 1e-24) return out;
-  const Eigen::Vector3d x = g.points->position.col(at);
-  const bool whole_sphere = g.light->distant || g.light->lobe.uniform();
-  if (!whole_sphere && !g.light->reaches(x)) return out;
+  const double sum2 = angles.sum2[i], cos_i = angles.cos_i[i], cos_o = angles.cos_o[i];
+  if ((cos_i <= 0) | (cos_o <= 0) | (sum2 < 1e-24)) return out;
+  if constexpr (!everywhere) {
+    if (!g.light->reaches(g.points->position.col(at))) return out;
+  }
   out.set(PointState::grazing);
-  if (angles.cos_i[i] < g.limits->min_cos_i || angles.cos_o[i] < g.limits->min_cos_o) return out;
-  if (angles.difference2[i] > g.max_tangent2 * sum2) return out;
-  const int cell = g.cells->grid().cell(g.cells->row(angles.chord2[i]),
-                                        g.cells->column(angles.difference2[i] / sum2));
+  if ((cos_i < g.limits->min_cos_i) | (cos_o < g.limits->min_cos_o) |
+      (angles.difference2[i] > g.max_tangent2 * sum2)) {
+    return out;
+  }
+  const int cell =
+      g.cells->grid().cell(g.cells->row(angles.chord2[i]), g.cells->column(angles.tangent2[i]));
   out.set(PointState::invalid_cell);
   if (!g.valid.empty() && g.valid[static_cast<std::size_t>(cell)] == 0) return out;
   out.cell_or_state = cell;
-  const double emitted = whole_sphere ? 1.0 : g.light->emission(x);
-  out.irradiance = static_cast<float>(angles.irradiance[i] * emitted);
+  double irradiance = angles.irradiance[i];
+  if constexpr (!everywhere) irradiance *= g.light->emission(g.points->position.col(at));
+  out.irradiance = static_cast<float>(irradiance);
   return out;
+}
+
+template <bool everywhere>
+void place_run(const SiteGeometry& g, Eigen::Index first, std::size_t count,
+               const SiteAngles& angles, int width, int height, SitePoint* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out[i] = place<everywhere>(g, first, i, angles, width, height);
+  }
 }
 
 /// Places a range of points and tells the shadowed ones by packets of rays.
@@ -53,6 +67,7 @@ void place_range(const SiteGeometry& g, int width, int height, Eigen::Index begi
   std::vector<Eigen::Vector3d> position, normal;
   std::vector<std::size_t> index;
   const bool convex = g.occluder->convex();
+  const bool everywhere = g.light->distant || g.light->lobe.uniform();
   const int level = vector_level();
   SiteAngles angles;
   for (Eigen::Index first = begin; first < end;
@@ -61,11 +76,12 @@ void place_range(const SiteGeometry& g, int width, int height, Eigen::Index begi
         std::min(end - first, static_cast<Eigen::Index>(SiteAngles::size)));
     angles_of_sites(g.points->position.col(first).data(), g.points->normal.col(first).data(),
                     g.points->view.col(first).data(), n, *g.light, angles, level);
-    for (std::size_t i = 0; i < n; ++i) {
-      const SitePoint point = place(g, first, i, angles, width, height);
+    SitePoint* run = out.data() + first;
+    everywhere ? place_run<true>(g, first, n, angles, width, height, run)
+               : place_run<false>(g, first, n, angles, width, height, run);
+    for (std::size_t i = 0; i < n && !convex; ++i) {
+      if (!run[i].lit()) continue;
       const Eigen::Index at = first + static_cast<Eigen::Index>(i);
-      out[static_cast<std::size_t>(at)] = point;
-      if (!point.lit() || convex) continue;
       position.push_back(g.points->position.col(at));
       normal.push_back(g.points->normal.col(at));
       index.push_back(static_cast<std::size_t>(at));
@@ -98,10 +114,10 @@ void leave_out_mixed(const PixelNeighbours& neighbours, std::vector<SitePoint>& 
   for (std::size_t i = 0; i < sites.size(); ++i) {
     shadowed[i] = sites[i].state() == PointState::shadowed ? 1 : 0;
   }
+  const std::vector<std::uint8_t> edge = neighbours.beside(shadowed);
   for (std::size_t i = 0; i < sites.size(); ++i) {
     if (!sites[i].lit()) continue;
-    const auto at = static_cast<Eigen::Index>(i);
-    if (!neighbours.whole(at) || neighbours.beside(at, shadowed)) {
+    if (edge[i] != 0 || !neighbours.whole(static_cast<Eigen::Index>(i))) {
       sites[i].set(PointState::boundary);
     }
   }
@@ -135,10 +151,9 @@ std::vector<std::size_t> leave_out_blocked(const RadianceImage& image, const Rad
     found.push_back(i);
   }
   if (found.empty()) return found;
+  const std::vector<std::uint8_t> half_black = neighbours.beside(black);
   for (std::size_t i = 0; i < sites.size(); ++i) {
-    if (sites[i].lit() && black[i] == 0 && neighbours.beside(static_cast<Eigen::Index>(i), black)) {
-      sites[i].set(PointState::boundary);
-    }
+    if (half_black[i] != 0 && black[i] == 0 && sites[i].lit()) sites[i].set(PointState::boundary);
   }
   return found;
 }
