@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/basis_training.h"
@@ -121,6 +122,14 @@ double mean_error(const FoldFits& fits, double row_variance) {
   return (c - fits.fold().c).colwise().norm().mean();
 }
 
+std::vector<Trial> together(const std::vector<std::vector<Trial>>& parts) {
+  std::vector<Trial> pooled;
+  for (const std::vector<Trial>& part : parts) {
+    pooled.insert(pooled.end(), part.begin(), part.end());
+  }
+  return pooled;
+}
+
 }  // namespace
 
 LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
@@ -182,22 +191,29 @@ LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
     exact[i] =
         trials(*fits[i], training, out.model_sigma * out.model_sigma / scenes[s].step, unsaid2);
   });
-  constexpr std::array<Scene, 2> clipped_scenes = {Scene{2, 2}, Scene{8, 8}};
-  std::vector<std::vector<Trial>> clipped(clipped_scenes.size() * all.size());
-  each(clipped_scenes.size(), [&](std::size_t i, std::size_t s, const Fold& fold) {
-    const Scene& scene = clipped_scenes[s];
-    const std::vector<Eigen::Index> rows = rows_of_lights(basis, scene.lights, scene.step);
-    const FoldFits fit(fold, training, rows, resampled(out.stddev, fold.c.rows()));
-    clipped[i] = clipped_trials(basis, fit, training, rows, out.model_sigma, scene.step, unsaid2);
-  });
-  const auto together = [](const std::vector<std::vector<Trial>>& parts) {
-    std::vector<Trial> pooled;
-    for (const std::vector<Trial>& part : parts) {
-      pooled.insert(pooled.end(), part.begin(), part.end());
-    }
-    return pooled;
+  // One exposure of twelve bits, usable from 8 to 4,000 counts, and three of them a factor 8 apart.
+  constexpr std::array<double, 2> bracket_ranges = {500, 32000};
+  constexpr std::size_t enough = 10;
+  const auto clipped_by = [&](std::span<const double> ranges) {
+    constexpr std::array<Scene, 2> clipped_scenes = {Scene{2, 2}, Scene{8, 8}};
+    std::vector<std::vector<Trial>> clipped(clipped_scenes.size() * all.size());
+    each(clipped_scenes.size(), [&](std::size_t i, std::size_t s, const Fold& fold) {
+      const auto [lights, step] = clipped_scenes[s];
+      const std::vector<Eigen::Index> rows = rows_of_lights(basis, lights, step);
+      const FoldFits fit(fold, training, rows, resampled(out.stddev, fold.c.rows()));
+      for (const double range : ranges) {
+        for (const Trial& trial :
+             clipped_trials(basis, fit, training, rows, out.model_sigma, step, unsaid2, range)) {
+          clipped[i].push_back(trial);
+        }
+      }
+    });
+    return together(clipped);
   };
-  out.calibration = calibrated(together(exact), together(clipped));
+  std::vector<Trial> clipped = clipped_by(bracket_ranges);
+  // Materials that no such bracket clips may still meet a camera that sees less.
+  if (clipped.size() < enough) clipped = clipped_by(std::array{0.0});
+  out.calibration = calibrated(together(exact), clipped);
   return out;
 }
 

@@ -32,8 +32,16 @@ double quantile(const std::vector<double>& sorted, double share) {
   return (1 - u) * sorted[i] + u * sorted[i + 1];
 }
 
-/// Rows of one material as a camera without enough exposures has them: the darkest and the
-/// brightest, `share` of all together, are known to be beyond a level and no more.
+/// The range about the median that leaves a tenth of the values outside.
+double range_of_nine_tenths(std::vector<double> values, double median) {
+  for (double& value : values) value = std::abs(std::log(value / median));
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 9 / 10);
+  std::nth_element(values.begin(), at, values.end());
+  return std::exp(2 * *at);
+}
+
+/// Rows of one material as a bracket that spans `range` about their median has them, nine tenths of
+/// them where it is 0: what is darker or brighter is known to be beyond a level and no more.
 struct ClippedRows {
   std::vector<Eigen::VectorXd> y;  ///< one per column
   std::vector<std::vector<BrdfObservation::Kind>> kind;
@@ -41,7 +49,7 @@ struct ClippedRows {
 };
 ClippedRows clipped(const BrdfBasis& basis, const Training& training, const FoldFits& fits,
                     const std::vector<Eigen::Index>& rows, std::size_t first, std::size_t last,
-                    double share) {
+                    double range) {
   const auto cell_of = [&](Eigen::Index i) {
     return static_cast<int>(rows[static_cast<std::size_t>(i)] % basis.grid.cells());
   };
@@ -56,8 +64,10 @@ ClippedRows clipped(const BrdfBasis& basis, const Training& training, const Fold
     }
   }
   std::vector<double> sorted = values;
-  std::sort(sorted.begin(), sorted.end());
-  const double low = quantile(sorted, share / 2), high = quantile(sorted, 1 - share / 2);
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  if (range == 0) range = range_of_nine_tenths(values, *middle);
+  const double low = *middle / std::sqrt(range), high = *middle * std::sqrt(range);
   ClippedRows out;
   std::size_t count = 0, at = 0;
   for (std::size_t j = first; j < last; ++j) {
@@ -201,7 +211,7 @@ std::vector<Trial> trials(const FoldFits& fits, const Training& training, double
 
 std::vector<Trial> clipped_trials(const BrdfBasis& basis, const FoldFits& fits,
                                   const Training& training, const std::vector<Eigen::Index>& rows,
-                                  double sigma, int step, double unsaid2) {
+                                  double sigma, int step, double unsaid2, double range) {
   const Fold& fold = fits.fold();
   const RowProblem problem = row_problem(fits.GS(), fits.stddev());
   std::vector<Trial> out;
@@ -212,8 +222,7 @@ std::vector<Trial> clipped_trials(const BrdfBasis& basis, const FoldFits& fits,
            training.material_of[static_cast<std::size_t>(fold.out[j])] == material) {
       ++j;
     }
-    const double share = out.size() % 2 == 0 ? 0.1 : 0.3;
-    const ClippedRows seen = clipped(basis, training, fits, rows, first, j, share);
+    const ClippedRows seen = clipped(basis, training, fits, rows, first, j, range);
     if (seen.share <= 0) continue;
     TrialSums sums;
     for (std::size_t i = first; i < j; ++i) {

@@ -56,13 +56,13 @@ struct Trial {
 std::vector<Trial> trials(const FoldFits& fits, const Training& training, double row_variance,
                           double unsaid2);
 
-/// The same from clipped rows: the darkest and the brightest tenth of a material's, three tenths of
-/// every other material's, are known to be beyond a level and no more, as a camera without enough
-/// exposures has them. Every row stands for `step` alike. Materials without a clipped row yield
-/// none.
+/// The same from clipped rows, as a bracket that spans `range` about a material's median row has
+/// them: what is darker or brighter is known to be beyond a level and no more. How many rows that
+/// are depends on the material, as it will; range 0: a tenth of every material's. Every row stands
+/// for `step` alike. Materials without a clipped row yield none.
 std::vector<Trial> clipped_trials(const BrdfBasis& basis, const FoldFits& fits,
                                   const Training& training, const std::vector<Eigen::Index>& rows,
-                                  double sigma, int step, double unsaid2);
+                                  double sigma, int step, double unsaid2, double range);
 
 /// Least squares of ln_ratio on surprise and, from the clipped trials, on the share censored; the
 /// bands are quantiles of what remains, and deviations where trials are too few to tell any.
