@@ -108,6 +108,8 @@ void add_study_verb(Verbs& verbs) {
       ->capture_default_str();
   verb->add_option("--exposures", options->exposures, "Exposures of a bracket; 0: no clipping")
       ->capture_default_str();
+  verb->add_flag("--around-median", options->around_median,
+                 "Brackets lie about the median row, not where they clip fewest");
   verb->add_option("--noise", options->noise, "Relative noise of a measured row");
   verb->add_option("--floor", options->floor, "Floor of the logarithm [1/sr]")
       ->capture_default_str();

@@ -73,6 +73,7 @@ int study(const StudyVerbOptions& typed) {
   options.candidates = typed.candidates;
   options.components = typed.components;
   options.exposures = typed.exposures;
+  options.metered = !typed.around_median;
   options.noise = typed.noise;
   options.floor = typed.floor;
   options.seed = typed.seed;

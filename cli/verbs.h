@@ -144,7 +144,7 @@ struct StudyVerbOptions {
   int splits = 10, random_runs = 6, candidates = 1000, components = 45, exposures = 0, threads = 0;
   double noise = 0, floor = 1e-4;
   std::uint64_t seed = 1;
-  bool table1 = false;
+  bool table1 = false, around_median = false;
 };
 int study(const StudyVerbOptions& options);
 /// Brings the folders of shards together.

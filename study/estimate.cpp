@@ -62,6 +62,31 @@ MaterialResult with_prediction(const BrdfBasis& basis, BrdfTable estimate, const
   return out;
 }
 
+/// What a bracket holds [1/sr].
+struct BracketRange {
+  double low = 0, high = std::numeric_limits<double>::infinity();
+};
+
+/// A bracket of this range about the median of the values or, metered, where it holds most of them,
+/// what it spans beyond these shared between both ends.
+BracketRange bracket_range(std::vector<double> values, double range, bool metered) {
+  std::sort(values.begin(), values.end());
+  if (!metered) {
+    const double middle = values[values.size() / 2];
+    return {middle / std::sqrt(range), middle * std::sqrt(range)};
+  }
+  std::size_t first = 0, last = 0;  // of the best window
+  for (std::size_t i = 0, j = 0; i < values.size(); ++i) {
+    while (j + 1 < values.size() && values[j + 1] <= range * values[i]) ++j;
+    if (j - i >= last - first) {
+      first = i;
+      last = j;
+    }
+  }
+  const double low = std::sqrt(values[first] * values[last] / range);
+  return {low, low * range};
+}
+
 /// One clipped, noisy measurement of every channel and cell.
 BrdfObservations measure(const BrdfTable& truth, const std::vector<std::int32_t>& cells,
                          const MeasuredRows& options, bool keep_clipped, std::mt19937_64& random) {
@@ -69,14 +94,15 @@ BrdfObservations measure(const BrdfTable& truth, const std::vector<std::int32_t>
   for (const std::int32_t cell : cells) {
     for (Eigen::Index c = 0; c < truth.f.cols(); ++c) values.push_back(truth.f(cell, c));
   }
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
-                   values.end());
+  // Darker than the logarithm's floor is as dark as the floor.
+  for (double& value : values) value = std::max(value, options.floor);
+  BracketRange bracket;
   // 12 bits, usable from 8 to 4,000 counts: a range of 500 per exposure, a factor 8 between two.
-  const double reach = std::sqrt(500.0 * std::pow(8.0, std::max(0, options.exposures - 1)));
-  const double middle = values[values.size() / 2];
-  const double low = options.exposures > 0 ? middle / reach : 0;
-  const double high =
-      options.exposures > 0 ? middle * reach : std::numeric_limits<double>::infinity();
+  if (options.exposures > 0) {
+    bracket = bracket_range(std::move(values), 500.0 * std::pow(8.0, options.exposures - 1),
+                            options.metered);
+  }
+  const auto [low, high] = bracket;
   BrdfObservations out;
   std::normal_distribution<double> normal;
   for (int channel = 0; channel < truth.f.cols(); ++channel) {

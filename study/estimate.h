@@ -30,6 +30,7 @@ std::vector<MaterialResult> estimate_map(const BrdfBasis& basis, std::span<const
 /// What the cells are measured with.
 struct MeasuredRows {
   int exposures = 0;  ///< [StudyOptions]
+  bool metered = true;
   double noise = 0;
   double floor = 1e-4;  ///< [1/sr]
   std::uint64_t seed = 0;

@@ -187,7 +187,7 @@ class Job {
     const BrdfBasis fewer = cut ? truncated(whole, method.components) : BrdfBasis{};
     const BrdfBasis& basis = cut ? fewer : whole;
     MeasuredRows measured{method.exposures >= 0 ? method.exposures : options_.exposures,
-                          options_.noise, options_.floor, 0};
+                          options_.metered, options_.noise, options_.floor, 0};
     const bool exact = measured.noise <= 0 && measured.exposures <= 0 && method.prior.empty();
     for (const int n : lights_) {
       if (n > static_cast<int>(chosen.lights.size())) continue;

@@ -85,12 +85,13 @@ StudyIdentity identity_of(const StudyOptions& o, const std::vector<Material>& ma
   std::string names;
   for (const Material& m : materials) names += m.name + "\n";
   identity.text = fmt::format(
-      "schema=lightrig.study/2\nmaterials={}\nmaterial_count={}\nmaterial_names_sha256={}\n"
+      "schema=lightrig.study/3\nmaterials={}\nmaterial_count={}\nmaterial_names_sha256={}\n"
       "splits={}\ntrain_fraction={}\nrandom_runs={}\ncandidates={}\ncomponents={}\nfloor={}\n"
-      "exposures={}\nnoise={}\nseed={}\nmethods={}\ntable1={}\nseconds_per_light={}\n",
+      "exposures={}\nmetered={}\nnoise={}\nseed={}\nmethods={}\ntable1={}\nseconds_per_light={}\n",
       o.materials == "builtin" ? "builtin" : "directory", materials.size(), sha256_hex(names),
       o.splits, o.train_fraction, o.random_runs, o.candidates, o.components, o.floor, o.exposures,
-      o.noise, o.seed, fmt::join(methods, " "), o.table1 ? 1 : 0, o.seconds_per_light);
+      o.metered ? 1 : 0, o.noise, o.seed, fmt::join(methods, " "), o.table1 ? 1 : 0,
+      o.seconds_per_light);
   if (rig != nullptr) {
     identity.text +=
         fmt::format("rig={}\nrig_sha256={}\n", rig->rig().name, sha256_hex(rig->rig().text));

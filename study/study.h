@@ -34,9 +34,12 @@ struct StudyOptions {
   int candidates = 1000;  ///< distant lights, evenly over the sphere
   int components = 45;    ///< of the paper's basis
   double floor = 1e-4;    ///< [1/sr]
-  /// Bracketed capture: exposures of a 12-bit sensor, a factor 8 apart about the median radiance;
-  /// rows outside are clipped. 0: no clipping.
+  /// Bracketed capture: exposures of a 12-bit sensor, a factor 8 apart; rows outside are clipped.
+  /// 0: no clipping.
   int exposures = 0;
+  /// The bracket lies where it clips fewest rows of a material, as a metered session's does; false:
+  /// about their median.
+  bool metered = true;
   double noise = 0;  ///< relative standard deviation of a measured row
   std::uint64_t seed = 1;
   int shard_index = 0, shard_count = 1;  ///< this process does jobs index, index + count, …
