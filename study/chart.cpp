@@ -10,9 +10,12 @@ namespace lightrig {
 namespace {
 
 constexpr double width = 640, height = 400, left = 64, right = 170, top = 34, bottom = 48;  // [px]
-/// Okabe and Ito's colours: told apart by every kind of colour vision.
-constexpr std::array<const char*, 8> colours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
-                                                "#e69f00", "#56b4e9", "#999999", "#b8a800"};
+/// Okabe and Ito's colours and two more: told apart by every kind of colour vision.
+constexpr std::array<const char*, 9> colours = {"#0072b2", "#d55e00", "#009e73",
+                                                "#cc79a7", "#e69f00", "#56b4e9",
+                                                "#999999", "#b8a800", "#aa4466"};
+/// Many dots stand so close that they must be small.
+constexpr std::size_t many = 300;
 
 /// One axis: data to pixels.
 struct Scale {
@@ -95,7 +98,10 @@ std::string series_svg(const StudySeries& s, const char* colour, const Scale& x,
     if (!drawable(px, x.log) || !drawable(py, y.log)) continue;
     path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : "L", x(px), y(py));
     dots += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='{}' fill='{}' />", x(px), y(py),
-                        s.markers_only ? 1.8 : 3.0, colour);
+                        !s.markers_only          ? 3.0
+                        : s.points.size() > many ? 1.8
+                                                 : 2.6,
+                        colour);
   }
   if (s.dashed) {
     return fmt::format("<path class=d d='{}' fill=none stroke-width=1.5 />", path);
@@ -123,7 +129,8 @@ std::string to_svg(const StudyChart& chart) {
                        y(y.low), x(x.high), y(y.high));
   }
   for (std::size_t i = 0; i < chart.series.size(); ++i) {
-    const char* colour = colours[i % colours.size()];
+    const int own = chart.series[i].colour;
+    const char* colour = colours[(own < 0 ? i : static_cast<std::size_t>(own)) % colours.size()];
     svg += series_svg(chart.series[i], colour, x, y);
     const double at = top + 8 + 18 * static_cast<double>(i);
     if (chart.series[i].dashed) {

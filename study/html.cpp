@@ -54,6 +54,12 @@ std::vector<std::string> methods_in(const Figures& figures, const StudyIdentity&
   return out;
 }
 
+/// A method has one colour wherever it is drawn.
+int colour_of(const StudyIdentity& identity, const std::string& method) {
+  const auto at = std::find(identity.methods.begin(), identity.methods.end(), method);
+  return static_cast<int>(at - identity.methods.begin());
+}
+
 /// Error against lights, or against rig minutes with what is worth them: one line per method.
 StudyChart error_chart(const Figures& figures, const StudyIdentity& identity,
                        const std::string& object, bool time) {
@@ -64,7 +70,7 @@ StudyChart error_chart(const Figures& figures, const StudyIdentity& identity,
   chart.log_y = true;
   std::vector<std::pair<double, double>> all;
   for (const std::string& method : methods_in(figures, identity, object)) {
-    StudySeries series{method, {}};
+    StudySeries series{method, {}, false, false, colour_of(identity, method)};
     for (const StudyFigure& f : figures) {
       if (f.object == object && f.method == method) {
         series.points.emplace_back(time ? f.minutes : f.lights, f.median);
@@ -121,7 +127,8 @@ StudyChart material_chart(const StoredStudy& study, const std::string& object, i
       false};
   for (const std::string& method : study.identity.methods) {
     if (!sums.contains(method) || method.starts_with("random")) continue;
-    StudySeries series{method, {}};
+    // Between two materials of another order there is no line to follow.
+    StudySeries series{method, {}, method != by, false, colour_of(study.identity, method)};
     for (std::size_t i = 0; i < order.size(); ++i) {
       const auto found = sums[method].find(order[i].second);
       if (found == sums[method].end()) continue;
@@ -178,9 +185,12 @@ StudyChart calibration_chart(const StoredStudy& study) {
     StudySeries& s = series[row.method];
     s.name = row.method;
     s.markers_only = true;
+    s.colour = colour_of(study.identity, row.method);
     s.points.emplace_back(row.predicted, row.percent_log);
   }
-  for (auto& [name, s] : series) chart.series.push_back(std::move(s));
+  for (const std::string& method : study.identity.methods) {
+    if (series.contains(method)) chart.series.push_back(std::move(series[method]));
+  }
   for (StudySeries& s : band_of(study)) chart.series.push_back(std::move(s));
   return chart;
 }
@@ -204,7 +214,7 @@ StudyChart coverage_chart(const Figures& figures, const StudyIdentity& identity)
       n += static_cast<double>(f.n);
     }
     if (sums.empty()) continue;
-    StudySeries series{method, {}};
+    StudySeries series{method, {}, false, false, colour_of(identity, method)};
     for (const auto& [lights, s] : sums) {
       series.points.emplace_back(lights, 100 * s.first / s.second);
     }
@@ -223,13 +233,14 @@ std::string number(double x) { return std::isnan(x) ? "" : fmt::format("{:.3g}",
 std::string figure_table(const Figures& figures) {
   std::string html =
       "<div class=wide><table><tr><th>object<th>lights<th>method<th>mean %<th>median<th>sd of "
-      "light sets<th>linear cos % mean<th>median<th>predicted %<th>90 % coverage<th>κ²";
+      "light sets<th>linear cos % mean<th>median<th>predicted %<th>truths in the 90 % interval, "
+      "%<th>κ²";
   for (const StudyFigure& f : figures) {
     html += fmt::format(
         "<tr><td>{}<td>{}<td>{}<td>{:.2f}<td>{:.2f}<td>{:.2f}<td>{:.2f}<td>{:.2f}<td>{}<td>{}<td>{"
         "}",
         escaped(f.object), f.lights, f.method, f.mean, f.median, f.run_sd, f.linear_mean,
-        f.linear_median, number(f.predicted), number(f.coverage), number(f.condition));
+        f.linear_median, number(f.predicted), number(100 * f.coverage), number(f.condition));
   }
   return html + "</table></div>";
 }

@@ -37,6 +37,7 @@ struct StudySeries {
   std::vector<std::pair<double, double>> points;
   bool markers_only = false;
   bool dashed = false;  ///< a broken line in the colour of the text, without markers
+  int colour = -1;      ///< number of the colour, of nine; −1: the place among the series
 };
 struct StudyChart {
   std::string title, x_label, y_label;
