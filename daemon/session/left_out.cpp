@@ -43,7 +43,9 @@ std::vector<LeftOutLine> planned_left_out(const Prepared& prepared) {
       {"exact_evaluations", "exact evaluations of the criterion", chosen.bounded_away,
        chosen.bounded_away + chosen.exact_evaluations, "a bound already showed a better candidate"},
       {"lights", "lights", out.lights_not_needed, out.lights_not_needed + lights,
-       "the stopping rule found them not worth their time"},
+       prepared.plan.stop == StopRule::count
+           ? "no candidate left shows a cell that those chosen do not"
+           : "the stopping rule found them not worth their time"},
       {"planning_components", "components while planning",
        out.components_available - out.components_used, out.components_available,
        "the criterion is steered by the first ones"},
