@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -29,20 +31,23 @@ Eigen::Vector3d extent_of(const Mesh& mesh) {
 
 std::string repairs_text(const MeshRepairs& r) {
   std::vector<std::string> parts;
-  const auto say = [&](int n, const char* what) {
-    if (n > 0) parts.push_back(fmt::format("{} {}", n, what));
+  const auto say = [&](int n, const char* one, const char* many) {
+    if (n > 0) parts.push_back(fmt::format("{} {}", n, n == 1 ? one : many));
   };
-  say(r.non_finite_vertices, "vertices that were not numbers dropped");
-  say(r.duplicate_vertices, "duplicate vertices merged");
-  say(r.degenerate_triangles, "triangles without area dropped");
-  say(r.duplicate_triangles, "duplicate triangles dropped");
-  say(r.unused_vertices, "unused vertices dropped");
-  say(r.rewound_triangles, "triangles wound against their neighbours reversed");
+  say(r.non_finite_vertices, "vertex that was no number dropped",
+      "vertices that were not numbers dropped");
+  say(r.duplicate_vertices, "duplicate vertex merged", "duplicate vertices merged");
+  say(r.degenerate_triangles, "triangle without area dropped", "triangles without area dropped");
+  say(r.duplicate_triangles, "duplicate triangle dropped", "duplicate triangles dropped");
+  say(r.unused_vertices, "unused vertex dropped", "unused vertices dropped");
+  say(r.rewound_triangles, "triangle wound against its neighbours reversed",
+      "triangles wound against their neighbours reversed");
   if (r.flipped_orientation) parts.emplace_back("was inside-out: turned");
   if (r.computed_normals) parts.emplace_back("normals computed");
-  say(r.turned_normals, "normals turned outwards");
-  say(r.non_manifold_edges, "edges with more than two triangles left");
-  say(r.boundary_edges, "boundary edges left");
+  say(r.turned_normals, "normal turned outwards", "normals turned outwards");
+  say(r.non_manifold_edges, "edge with more than two triangles left",
+      "edges with more than two triangles left");
+  say(r.boundary_edges, "boundary edge left", "boundary edges left");
   if (r.components > 1) parts.push_back(fmt::format("{} components", r.components));
   return parts.empty() ? "nothing to repair" : fmt::format("{}", fmt::join(parts, ", "));
 }
@@ -52,6 +57,39 @@ void place(Mesh& mesh, double scale, const Eigen::Isometry3d& world_from_object)
   mesh.vertices = ((world_from_object.linear() * mesh.vertices) * scale).colwise() +
                   world_from_object.translation();
   mesh.normals = world_from_object.linear() * mesh.normals;
+}
+
+/// [m] No rig lights an object of this size: a unit is wrong, or a vertex is.
+constexpr double absurd_size = 100;
+
+/// Refuses a mesh of absurd extent, naming its outermost vertex; vertices that are no numbers do
+/// not count. Before repair: beside a vertex at 10³⁰ every triangle is a needle without area.
+Result<void> check_extent(const Mesh& mesh, double unit, const std::string& name) {
+  std::array<std::vector<double>, 3> values;
+  for (const auto& vertex : mesh.vertices.colwise())
+    if (vertex.allFinite())
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        values[axis].push_back(vertex[static_cast<Eigen::Index>(axis)]);
+  if (values[0].empty()) return {};
+  Eigen::Vector3d median, extent;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto [least, most] = std::ranges::minmax(values[axis]);
+    extent[static_cast<Eigen::Index>(axis)] = most - least;
+    const auto half = values[axis].begin() + static_cast<std::ptrdiff_t>(values[axis].size() / 2);
+    std::nth_element(values[axis].begin(), half, values[axis].end());
+    median[static_cast<Eigen::Index>(axis)] = *half;
+  }
+  if (!(extent.maxCoeff() * unit > absurd_size)) return {};
+  Eigen::Vector3d far = median;
+  for (const auto& vertex : mesh.vertices.colwise())
+    if (vertex.allFinite() &&
+        (vertex - median).cwiseAbs().maxCoeff() > (far - median).cwiseAbs().maxCoeff())
+      far = vertex;
+  return fail(ErrorCode::invalid_input,
+              fmt::format("load the object '{}': it is {:.3g} m across; its outermost vertex is "
+                          "({:.6g}, {:.6g}, {:.6g}) in mesh units. Give the mesh's unit as "
+                          "[object] unit_m (0.001 for millimetres), or take that vertex out",
+                          name, extent.maxCoeff() * unit, far.x(), far.y(), far.z()));
 }
 
 }  // namespace
@@ -72,6 +110,8 @@ Result<LoadedObject> load_object(const ObjectConfig& config) {
     auto read = read_mesh_file(config.mesh);
     if (!read) return tl::unexpected(read.error());
     raw = std::move(*read);
+    if (auto fits = check_extent(raw, config.unit, name); !fits)
+      return tl::unexpected(fits.error());
   }
   RepairedMesh repair = repaired(raw);
   LoadedObject object{std::move(repair.mesh), repair.repairs, {}};

@@ -9,11 +9,21 @@
 #include <cctype>
 #include <exception>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "config/ply_check.h"
 #include "config/read_bytes.h"
+
+// Debian builds the library with its assertions, which end the process: a broken file would end the
+// service. This takes the place of the library's own handler, and import_bytes() catches what it
+// throws.
+namespace Assimp {
+[[noreturn]] void aiAssertViolation(const char* expression, const char* /*file*/, int /*line*/) {
+  throw std::runtime_error(fmt::format("it breaks what the reader relies on ({})", expression));
+}
+}  // namespace Assimp
 
 namespace lightrig {
 namespace {
@@ -24,6 +34,12 @@ std::string lower_extension(const std::filesystem::path& file) {
   std::ranges::transform(extension, extension.begin(),
                          [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return extension;
+}
+
+std::string upper(std::string text) {
+  std::ranges::transform(text, text.begin(),
+                         [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  return text;
 }
 
 void append(const aiMesh& part, bool with_normals, Mesh& mesh) {
@@ -106,9 +122,14 @@ Result<Mesh> read_mesh_file(const std::filesystem::path& file) {
       return failed(ErrorCode::invalid_input, *problem);
 
   Imported imported = import_bytes(*bytes, extension);
-  if (!imported.problem.empty()) return failed(ErrorCode::invalid_input, imported.problem);
+  if (!imported.problem.empty())
+    return failed(ErrorCode::invalid_input,
+                  fmt::format("it cannot be read as {}: {}. Copy it again from where it came from, "
+                              "or open it in a mesh editor and export it anew as PLY",
+                              upper(extension), imported.problem));
   if (imported.mesh.triangles.cols() == 0)
-    return failed(ErrorCode::invalid_input, "it holds no triangles");
+    return failed(ErrorCode::invalid_input,
+                  "it holds no triangles, only points or lines; export the surface");
   return std::move(imported.mesh);
 }
 

@@ -134,6 +134,10 @@ class Body {
   Encoding encoding_;
 };
 
+std::string counted(std::int64_t n, const char* one, const char* many) {
+  return fmt::format("{} {}", n, n == 1 ? one : many);
+}
+
 struct Walked {
   bool whole = false;
   std::optional<std::int64_t> stray;  ///< the index of a vertex that there is not
@@ -168,8 +172,8 @@ std::optional<std::string> ply_shortfall(std::span<const std::byte> bytes) {
   if (!head) return "it has no PLY header";
   const std::int64_t vertices = head->count_of("vertex"), faces = head->count_of("face");
   if (vertices < 1 || faces < 1)
-    return fmt::format("its header promises {} vertices and {} faces; a surface is needed",
-                       vertices, faces);
+    return fmt::format("its header promises {} and {}; a surface is needed",
+                       counted(vertices, "vertex", "vertices"), counted(faces, "face", "faces"));
   Body body(text.substr(head->body), head->encoding);
   for (const Element& element : head->elements) {
     if (element.properties.empty()) continue;
@@ -177,9 +181,10 @@ std::optional<std::string> ply_shortfall(std::span<const std::byte> bytes) {
       const Walked walked = walk(element, vertices, body);
       if (!walked.whole)
         return fmt::format(
-            "its header promises {} vertices and {} faces, but its {} bytes end "
-            "before {} {}: truncated?",
-            vertices, faces, bytes.size(), element.name, i + 1);
+            "its header promises {} and {}, but its {} bytes end before {} {}: truncated? Copy it "
+            "again from where it came from",
+            counted(vertices, "vertex", "vertices"), counted(faces, "face", "faces"), bytes.size(),
+            element.name, i + 1);
       if (walked.stray)
         return fmt::format("its {} {} names vertex {}, counted from 0, but there are only {}",
                            element.name, i + 1, *walked.stray, vertices);

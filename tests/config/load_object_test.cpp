@@ -101,7 +101,7 @@ TEST(LoadObject, SaysWhatItRepaired) {
   EXPECT_GT(signed_volume(object->mesh), 0);
   EXPECT_TRUE(object->mesh.vertices.allFinite());
   EXPECT_THAT(object->description, HasSubstr("was inside-out: turned"));
-  EXPECT_THAT(object->description, HasSubstr("not numbers dropped"));
+  EXPECT_THAT(object->description, HasSubstr("1 vertex that was no number dropped"));
 }
 
 TEST(LoadObject, RefusesAFileOfNothingButNaN) {
@@ -137,6 +137,35 @@ TEST(LoadObject, SaysNothingOfTheNameThatTheLibraryMadeUp) {
   EXPECT_THAT(object.error().message, testing::Not(HasSubstr("magic")));
 }
 
+TEST(LoadObject, NamesAVertexFarOffAndAsksForTheUnitOfAMeshAsLargeAsAHouse) {
+  const ScratchFolder folder;
+  std::string stray = tetrahedron_obj;
+  stray.replace(stray.find("v 0 1 0"), 7, "v 0 1e30 0");
+  const auto far = load_object(mesh_config(folder.write("stray.obj", stray)));
+  ASSERT_FALSE(far);
+  EXPECT_EQ(far.error().code, ErrorCode::invalid_input);
+  EXPECT_THAT(far.error().message, HasSubstr("its outermost vertex is (0, 1e+30, 0)"));
+  const auto file = folder.write("t.ply", tetrahedron_ply);
+  const auto house = load_object(mesh_config(file, 120));
+  ASSERT_FALSE(house);
+  EXPECT_THAT(house.error().message, HasSubstr("it is 120 m across"));
+  EXPECT_THAT(house.error().message, HasSubstr("unit_m"));
+  EXPECT_TRUE(load_object(mesh_config(file, 1)));
+}
+
+TEST(LoadObject, CountsOneThingAsOneThing) {
+  const ScratchFolder folder;
+  std::string one = tetrahedron_ply;
+  one.replace(one.find("vertex 4"), 8, "vertex 1");
+  const auto object = load_object(mesh_config(folder.write("one.ply", one)));
+  ASSERT_FALSE(object);
+  EXPECT_THAT(object.error().message, testing::Not(HasSubstr("1 vertices")));
+  const auto twice = load_object(
+      mesh_config(folder.write("twice.obj", std::string(tetrahedron_obj) + "f 1 3 2\n")));
+  ASSERT_TRUE(twice) << twice.error().message;
+  EXPECT_THAT(twice->description, HasSubstr("1 duplicate triangle dropped"));
+}
+
 TEST(LoadObject, RefusesTruncatedAndAbsurdFilesWithTheReason) {
   const ScratchFolder folder;
   const std::string ply = tetrahedron_ply;
@@ -149,8 +178,8 @@ TEST(LoadObject, RefusesTruncatedAndAbsurdFilesWithTheReason) {
       {folder.write("cut_head.ply", head), "no PLY header"},
       {folder.write("absurd.ply", absurd), "promises 4000000000 vertices and 4 faces, but its"},
       {folder.write("empty.ply", ""), "it is empty"},
-      {folder.write("text.stl", "once upon a time"), ""},
-      {folder.write("points.obj", "v 0 0 0\nv 1 0 0\n"), ""},
+      {folder.write("text.stl", "once upon a time"), "export it anew"},
+      {folder.write("points.obj", "v 0 0 0\nv 1 0 0\n"), "it "},
       {folder.write("mesh.fbx", "x"), "must end in .ply, .obj or .stl"},
       {folder.path / "absent.ply", "No such file"},
   };
