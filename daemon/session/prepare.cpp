@@ -133,6 +133,17 @@ Result<void> make_bases(const SessionSpec& spec, Prepared& prepared, StageClock&
   return {};
 }
 
+/// No triangle's front is towards the camera: an open surface, such as a plane, from behind.
+bool seen_from_behind(const CameraModel& camera, const Mesh& mesh) {
+  for (Eigen::Index i = 0; i < mesh.triangles.cols(); ++i) {
+    const Eigen::Vector3i t = mesh.triangles.col(i);
+    const Eigen::Vector3d a = mesh.vertices.col(t[0]), b = mesh.vertices.col(t[1]),
+                          c = mesh.vertices.col(t[2]);
+    if ((b - a).cross(c - a).dot(view_direction(camera, a)) > 0) return false;
+  }
+  return true;
+}
+
 Result<void> look_at_object(const Rig& rig, const SessionSpec& spec, Prepared& prepared,
                             StageClock& clock) {
   const CameraModel& camera = rig.camera.model;
@@ -141,6 +152,13 @@ Result<void> look_at_object(const Rig& rig, const SessionSpec& spec, Prepared& p
   if (prepared.points.size() > 0) return {};
   const Eigen::Vector3d centre = prepared.object.mesh.vertices.rowwise().mean();
   const Eigen::Vector2d pixel = project(camera, centre);
+  if (seen_from_behind(camera, prepared.object.mesh))
+    return fail(
+        ErrorCode::invalid_input,
+        fmt::format("look at the object: every side of it faces away from the camera, which "
+                    "sees its back ({}); turn it with [object] rotation_deg, or turn the "
+                    "mesh inside out",
+                    prepared.object.description));
   const std::string where = pixel.allFinite()
                                 ? fmt::format("falls on pixel ({:.0f}, {:.0f}) of {} × {}",
                                               pixel.x(), pixel.y(), camera.width, camera.height)

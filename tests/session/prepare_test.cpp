@@ -184,6 +184,20 @@ TEST(Prepare, AnObjectTheCameraCannotSeeIsSaidWithWhereItIs) {
   EXPECT_THAT(prepared.error().message, HasSubstr("lies behind the camera"));
 }
 
+TEST(Prepare, APlaneSeenFromBehindIsSaidToBe) {
+  const Scratch scratch;
+  const Rig rig = small_rig(scratch.path());
+  SessionSpec spec = spec_of(rig);
+  spec.object.shape = "plane";
+  spec.object.world_from_object.rotate(
+      Eigen::AngleAxisd(std::numbers::pi, Eigen::Vector3d::UnitX()));
+  const auto prepared = prepare(rig, spec);
+  ASSERT_FALSE(prepared);
+  EXPECT_EQ(prepared.error().code, ErrorCode::invalid_input);
+  EXPECT_THAT(prepared.error().message, HasSubstr("sees its back"));
+  EXPECT_THAT(prepared.error().message, HasSubstr("rotation_deg"));
+}
+
 TEST(Prepare, ALampThatCanLightNothingIsSaidWithTheCounts) {
   const Scratch scratch;
   Rig rig = small_rig(scratch.path());
