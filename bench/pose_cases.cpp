@@ -6,17 +6,15 @@
 // about it nothing changes; a sphere is not turned), and shifted by 2 % of its size in a random
 // direction. Last a line of key=value figures.
 //
-//     pose_cases [--cases 100] [--seed 1] [--shape teapot|torus|cylinder|sphere|plane|all] [--width
-//     640] [--first] [--verbose]
-//
-// --first: begin with the light that the plan's route visits first.
+//     pose_cases --help
 #include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <ctime>
-#include <map>
 #include <memory>
 #include <numbers>
 #include <optional>
@@ -44,7 +42,7 @@ constexpr double degree = std::numbers::pi / 180;
 struct Options {
   int cases = 100, width = 640;
   unsigned seed = 1;
-  std::string shape = "all";
+  std::string shape = "all", material;
   bool first = false, verbose = false;
 };
 
@@ -187,10 +185,23 @@ Eigen::Vector3d axis_for(const std::string& shape, std::mt19937_64& random) {
   return axis.normalized();
 }
 
+std::vector<BuiltinMaterial> materials_of(const Options& options) {
+  std::vector<BuiltinMaterial> materials;
+  for (const BuiltinMaterial& one : builtin_materials())
+    if (one.name.find(options.material) != std::string::npos ||
+        one.family.find(options.material) != std::string::npos)
+      materials.push_back(one);
+  if (materials.empty()) {
+    fmt::print(stderr, "no built-in material has '{}' in its name or family\n", options.material);
+    std::exit(1);
+  }
+  return materials;
+}
+
 Tally run(const std::string& shape, const Options& options) {
   const Scene scene = scene_of(shape, options.width);
   const Box box = box_of(scene.prepared.object.mesh);
-  const auto materials = builtin_materials();
+  const auto materials = materials_of(options);
   Tally tally;
   for (int i = 0; i < options.cases; ++i) {
     std::mt19937_64 random(options.seed * 1000003U + static_cast<unsigned>(i));
@@ -241,22 +252,24 @@ Tally run(const std::string& shape, const Options& options) {
 
 int main(int argc, char** argv) {
   Options options;
-  for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i];
-    const auto next = [&] { return std::string(i + 1 < argc ? argv[++i] : "0"); };
-    if (word == "--cases")
-      options.cases = std::stoi(next());
-    else if (word == "--seed")
-      options.seed = static_cast<unsigned>(std::stoul(next()));
-    else if (word == "--shape")
-      options.shape = next();
-    else if (word == "--width")
-      options.width = std::stoi(next());
-    else if (word == "--first")
-      options.first = true;
-    else if (word == "--verbose")
-      options.verbose = true;
-  }
+  CLI::App app{"Seeded poses, right and wrong, before the pose check of a session's start"};
+  app.add_option("--cases", options.cases, "of each shape: each lies right, is turned, is shifted")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
+  app.add_option("--seed", options.seed)->capture_default_str();
+  app.add_option("--shape", options.shape)
+      ->check(CLI::IsMember({"teapot", "torus", "cylinder", "sphere", "plane", "all"}))
+      ->capture_default_str();
+  app.add_option("--width", options.width, "of the picture [px]")
+      ->check(CLI::Range(64, 4096))
+      ->capture_default_str();
+  app.add_option("--material", options.material,
+                 "those whose name or family holds this text; any where it is left out");
+  app.add_flag("--first", options.first,
+               "begin with the light that the plan's route visits first, as a session does; "
+               "otherwise with any");
+  app.add_flag("--verbose", options.verbose, "a line for every fit");
+  CLI11_PARSE(app, argc, argv);
   std::vector<std::string> shapes{options.shape};
   if (options.shape == "all") shapes = {"teapot", "torus", "cylinder", "sphere", "plane"};
   Tally all;
