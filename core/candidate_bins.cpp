@@ -143,7 +143,8 @@ void fill_from_all_points(const BinningSetting& setting, const LightPosition& li
                  : first_tries,
            scratch, statistics);
   if (!rays) {
-    for (const BinnedPoint& lit : scratch.lit) scratch.filled[static_cast<std::size_t>(lit.key)] = 1;
+    for (const BinnedPoint& lit : scratch.lit)
+      scratch.filled[static_cast<std::size_t>(lit.key)] = 1;
   } else if (all) {
     fill_by_all_rays(setting, light, scratch, statistics);
   } else {
