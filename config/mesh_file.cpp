@@ -73,11 +73,15 @@ struct Imported {
   std::string problem;  ///< "" when there is none
 };
 
-// Bytes in memory have no name: the library makes one up, and says it in its messages.
-std::string without_made_up_name(std::string message, const std::string& extension) {
+// Bytes in memory have no name: the library makes one up, and says it in its messages, which begin
+// with the format as often as not and end with a full stop or none.
+std::string in_a_sentence(std::string message, const std::string& extension) {
   const std::string made_up = "$$$___magic___$$$." + extension;
   for (auto at = message.find(made_up); at != std::string::npos; at = message.find(made_up))
     message.replace(at, made_up.size(), "it");
+  const std::string format = upper(extension) + ": ";
+  if (message.starts_with(format)) message.erase(0, format.size());
+  while (message.ends_with('.')) message.pop_back();
   return message;
 }
 
@@ -90,7 +94,7 @@ Imported import_bytes(std::span<const std::byte> bytes, const std::string& exten
     const aiScene* scene = importer.ReadFileFromMemory(
         bytes.data(), bytes.size(), aiProcess_Triangulate | aiProcess_SortByPType,
         extension.c_str());
-    if (scene == nullptr) return {{}, without_made_up_name(importer.GetErrorString(), extension)};
+    if (scene == nullptr) return {{}, in_a_sentence(importer.GetErrorString(), extension)};
     const std::span parts(scene->mMeshes, scene->mNumMeshes);
     // STL has one normal per facet, which would make every facet an island.
     const bool with_normals = extension != "stl" && std::ranges::all_of(parts, [](const aiMesh* m) {
@@ -101,7 +105,7 @@ Imported import_bytes(std::span<const std::byte> bytes, const std::string& exten
       if (part->HasPositions() && part->HasFaces()) append(*part, with_normals, imported.mesh);
     return imported;
   } catch (const std::exception& error) {
-    return {{}, without_made_up_name(error.what(), extension)};
+    return {{}, in_a_sentence(error.what(), extension)};
   }
 }
 
