@@ -22,6 +22,9 @@ using ::testing::HasSubstr;
 using Json = nlohmann::ordered_json;
 using Clock_ = std::chrono::steady_clock;
 
+// What a session may take: a second, and under a sanitizer minutes.
+constexpr std::chrono::seconds patience = 280s;
+
 /// A service on a socket in a folder of its own.
 class ServiceStory : public ::testing::Test {
  protected:
@@ -48,7 +51,8 @@ class ServiceStory : public ::testing::Test {
   Json status() { return get("/v1/status").json(); }
 
   /// Waits until the status satisfies, and gives it.
-  Json wait_for(const std::function<bool(const Json&)>& good, std::chrono::seconds within = 60s) {
+  Json wait_for(const std::function<bool(const Json&)>& good,
+                std::chrono::seconds within = patience) {
     const auto end = Clock_::now() + within;
     Json last = status();
     while (!good(last) && Clock_::now() < end) {
