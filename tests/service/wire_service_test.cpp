@@ -56,6 +56,12 @@ class ServiceOverWires : public testing::Test {
     while (!good() && steady_clock::now() < end) std::this_thread::sleep_for(2ms);
     return good();
   }
+  void start_a_session_and_wait_for_its_lamp() {
+    const auto spec = read_session({}, rig_);
+    ASSERT_TRUE(spec.value);
+    ASSERT_TRUE(service_->start(person, {*spec.value, {}, ""}));
+    ASSERT_TRUE(wait_until([this] { return lamp_power() > 0; })) << activity();
+  }
   double lamp_power() const { return hosted_->world->lamp_power(); }
   std::string activity() const {
     const Snapshot now = service_->snapshot();
@@ -74,10 +80,7 @@ class ServiceOverWires : public testing::Test {
 // Every register call to a camera that does not answer blocks for seconds, and so does opening it
 // anew. None of that may keep ABORT: neither from taking effect, nor the session from ending.
 TEST_F(ServiceOverWires, AbortDoesNotWaitForACameraThatIsDeadOrBeingOpenedAgain) {
-  const auto spec = read_session({}, rig_);
-  ASSERT_TRUE(spec.value);
-  ASSERT_TRUE(service_->start(person, {*spec.value, {}, ""}));
-  ASSERT_TRUE(wait_until([this] { return lamp_power() > 0; })) << activity();
+  ASSERT_NO_FATAL_FAILURE(start_a_session_and_wait_for_its_lamp());
   ASSERT_TRUE(hosted_->add_fault("frozen seconds=600"));
   // The journal says so when the session begins to open the devices again.
   std::filesystem::path journal;
@@ -107,10 +110,7 @@ TEST_F(ServiceOverWires, AbortDoesNotWaitForACameraThatIsDeadOrBeingOpenedAgain)
 // Drives that answer nothing take every question to its time-out, half a second each; the stop
 // command goes out all the same, and what nobody confirmed is not called dark.
 TEST_F(ServiceOverWires, AbortDoesNotWaitForAControllerThatIsSilentAndSaysThatTheLampMayBeOn) {
-  const auto spec = read_session({}, rig_);
-  ASSERT_TRUE(spec.value);
-  ASSERT_TRUE(service_->start(person, {*spec.value, {}, ""}));
-  ASSERT_TRUE(wait_until([this] { return lamp_power() > 0; })) << activity();
+  ASSERT_NO_FATAL_FAILURE(start_a_session_and_wait_for_its_lamp());
   ASSERT_TRUE(hosted_->add_fault("silence count=1000000"));
   std::this_thread::sleep_for(200ms);  // into a call that waits for its answer
   const auto asked = steady_clock::now();
