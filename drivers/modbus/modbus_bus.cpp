@@ -9,6 +9,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <limits>
 #include <thread>
@@ -42,6 +43,15 @@ const char* name_of(RegisterTable table) {
       return "input register";
   }
   return "?";
+}
+
+/// Silence that ends a frame: 3.5 characters of 11 bits, and at least 1.75 ms [MODBUS over serial
+/// line 1.02, 2.5.1.1].
+std::chrono::microseconds silence_between_frames(const ModbusBus::Endpoint& endpoint) {
+  const auto* serial = std::get_if<SerialEndpoint>(&endpoint);
+  if (!serial || serial->baud <= 0) return std::chrono::microseconds(0);
+  return std::max(std::chrono::microseconds(1750),
+                  std::chrono::microseconds(3500LL * 11 * 1000 / serial->baud));
 }
 
 bool is_exception(int number) { return number > MODBUS_ENOBASE && number < EMBBADCRC; }
@@ -110,6 +120,7 @@ ModbusBus::ModbusBus(Endpoint endpoint, std::chrono::milliseconds timeout, Clock
       clock_(clock),
       name_(name_of(endpoint_)),
       rtu_(std::holds_alternative<SerialEndpoint>(endpoint_)),
+      silence_(silence_between_frames(endpoint_)),
       lane_(name_) {}
 
 ModbusBus::~ModbusBus() = default;
@@ -177,8 +188,12 @@ Result<void> ModbusBus::ready(int unit) {
     if (auto done = connect(); !done) return done;
   if (out_of_step_)
     if (auto proved = prove_in_step(); !proved) return proved;
-  // What lies there unasked for (an answer sent twice) must not be taken for the next answer.
-  if (rtu_) modbus_flush(context_.get());
+  if (rtu_) {
+    // What is sent unasked for (an answer twice) must not be taken for the next answer: it follows
+    // within the silence that has to lie between frames anyway.
+    std::this_thread::sleep_until(last_heard_ + silence_);
+    modbus_flush(context_.get());
+  }
   if (modbus_set_slave(context_.get(), unit) != 0)
     return fail(ErrorCode::invalid_input, fmt::format("{}: unit {} does not exist", name_, unit));
   return {};
@@ -225,6 +240,7 @@ Result<ModbusBus::Values> ModbusBus::read_now(int unit, RegisterTable table, int
       got = modbus_read_input_registers(context_.get(), address, count, values.data());
       break;
   }
+  last_heard_ = std::chrono::steady_clock::now();
   if (got != count)
     return failed(fmt::format("read {} {:#06x} of unit {}", name_of(table), address, unit), errno);
   if (is_bits(table)) values.assign(bits.begin(), bits.end());
@@ -247,6 +263,7 @@ Result<ModbusBus::Values> ModbusBus::write_now(int unit, RegisterTable table, in
   } else {
     return fail(ErrorCode::invalid_input, fmt::format("a {} cannot be written", name_of(table)));
   }
+  last_heard_ = std::chrono::steady_clock::now();
   if (done != count)
     return failed(fmt::format("write {} {:#06x} of unit {}", name_of(table), address, unit), errno);
   return Values{};

@@ -77,10 +77,12 @@ class ModbusBus {
   Clock& clock_;
   std::string name_;
   bool rtu_ = false;
+  const std::chrono::microseconds silence_;  ///< that RTU needs between two frames
   // Below: touched on the lane only.
   std::unique_ptr<_modbus, FreeContext> context_;
   bool connected_ = false;
   bool out_of_step_ = false;
+  std::chrono::steady_clock::time_point last_heard_{};
   Place proof_{0, RegisterTable::holding, 0, 0};  ///< last read with success; count 0: nothing yet
   BlockingLane<Values> lane_;                     // destroyed first
 };

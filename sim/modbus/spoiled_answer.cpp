@@ -39,8 +39,12 @@ std::vector<LateBytes> spoiled(const Bytes& answer, const WireFault& fault, bool
       return {};
     case WireEffect::late:
       return {{fault.duration, answer}};
-    case WireEffect::duplicate:
-      return {{now, answer}, {now, answer}};
+    case WireEffect::duplicate: {
+      // In one piece: a second answer that came later could be any late answer.
+      Bytes twice = answer;
+      twice.insert(twice.end(), answer.begin(), answer.end());
+      return {{now, twice}};
+    }
     case WireEffect::wrong_id:
       return {{now, with_wrong_id(answer, tcp)}};
     case WireEffect::truncated:
