@@ -49,7 +49,7 @@ img.cells { image-rendering:pixelated; background:var(--card); }
 .light .strip { display:flex; gap:1rem; align-items:flex-start; }
 .light .strip figure { margin:0; }
 .three { display:grid; grid-template-columns:1fr 1fr 1fr; font-size:.8rem; color:var(--muted); }
-.grid-picture { display:grid; grid-template-columns:auto auto; width:max-content; font-size:.8rem; color:var(--muted); gap:.15rem .35rem; }
+.grid-picture { display:grid; grid-template-columns:auto minmax(0,max-content); max-width:100%; font-size:.8rem; color:var(--muted); gap:.15rem .35rem; }
 .grid-picture .y { writing-mode:vertical-rl; transform:rotate(180deg); display:flex; justify-content:space-between; }
 .grid-picture .x { grid-column:2; display:flex; justify-content:space-between; }
 .two-names { display:grid; grid-template-columns:1fr 1fr; font-size:.86rem; color:var(--muted); }
@@ -71,12 +71,16 @@ svg .label { stroke:none !important; stroke-dasharray:none; }
 /* Pictures are drawn for a light page: black objects and dark marks would drown in a dark one. */
 @media screen and (prefers-color-scheme: dark) {
   img.cells { background:#e3e7eb; } .light .strip img:not(.cells) { background:#8a939c; border-radius:3px; } }
-@media (max-width:44rem) { .light { grid-template-columns:1fr; } .light .strip { flex-wrap:wrap; } }
+@media screen and (max-width:44rem) {
+  .light { grid-template-columns:1fr; } .light .strip { flex-wrap:wrap; }
+  .row > * { max-width:100%; } table { display:block; overflow-x:auto; }
+  figure { overflow-x:auto; } svg.chart { min-width:34rem; } }
 @media print {
   :root { --paper:#fff; --ink:#000; --muted:#444; --rule:#bbb; --card:#f4f4f4; --warn:#603400; --warn-paper:#fff;
     --predicted:#1763a6; --held:#b3500f; --true:#1e7a3c; --base:#555; --random:#7a3fa0; }
   body { max-width:none; padding:0; font-size:10.5pt; }
-  h2 { break-after:avoid; } .card, figure, table tr, .light { break-inside:avoid; }
+  h2, h3 { break-after:avoid; } .card, figure, table, tr, .light { break-inside:avoid; }
+  .row { display:block; } .row > * { display:inline-block; vertical-align:top; break-inside:avoid; margin-right:1.5rem; }
   .card, .warnings { border:1px solid #999; border-left-width:4px; }
 }
 )css";

@@ -33,11 +33,31 @@ const Prepared& five_light_plan() {
   return prepared;
 }
 
-/// The first fitted light of the way.
+constexpr double ball_radius = 0.035, ball_distance = 0.2;  // [m]
+
+/// Where a ball stands that takes a light from the object.
+Eigen::Vector3d ball_before(int shot) {
+  const LightPosition& light = five_light_plan().plan.shots[static_cast<std::size_t>(shot)].light;
+  return ball_distance * light.p.normalized();
+}
+
+/// Whether the camera sees the ball: then it takes more than light.
+bool in_view(const CameraModel& camera, const Eigen::Vector3d& ball) {
+  const Eigen::Vector3d seen = camera.camera_from_world * ball;
+  const double radius = camera.fx * ball_radius / seen.z();
+  const Eigen::Vector2d uv = project(camera, ball);
+  return seen.z() > 0 && uv.x() > -radius && uv.x() < camera.width + radius && uv.y() > -radius &&
+         uv.y() < camera.height + radius;
+}
+
+/// The first fitted light of the way that a ball can take without standing in the camera's view.
 int first_light() {
   const Plan& plan = five_light_plan().plan;
+  const Scratch scratch;
+  const CameraModel camera = small_rig(scratch.path(), {five_lights}).camera.model;
   for (const int index : plan.visit_order) {
-    if (!plan.shots[static_cast<std::size_t>(index)].held_out) return index;
+    const bool fitted = !plan.shots[static_cast<std::size_t>(index)].held_out;
+    if (fitted && !in_view(camera, ball_before(index))) return index;
   }
   return -1;
 }
@@ -45,14 +65,13 @@ int first_light() {
 /// A rig before whose first light a ball stands that nothing but the simulated laboratory knows.
 Rig blocked_rig(const fs::path& folder, bool replan,
                 const std::string& truth = "polystyrene-maroon") {
-  const Shot& shot = five_light_plan().plan.shots[static_cast<std::size_t>(first_light())];
-  const Eigen::Vector3d at = 0.2 * shot.light.p.normalized();
+  const Eigen::Vector3d at = ball_before(first_light());
   return small_rig(folder, {five_lights,
                             {"polystyrene-maroon", truth},
                             {"ambient_w_per_m2_sr = 0.002",
                              fmt::format("ambient_w_per_m2_sr = 0.002\nobstacle_m = [{}, {}, {}]\n"
-                                         "obstacle_radius_mm = 35",
-                                         at.x(), at.y(), at.z())},
+                                         "obstacle_radius_mm = {}",
+                                         at.x(), at.y(), at.z(), 1e3 * ball_radius)},
                             {"held_out_lights = 1", fmt::format("held_out_lights = 1\nreplan = {}\n"
                                                                 "random_baseline = false",
                                                                 replan)}});
