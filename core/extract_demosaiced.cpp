@@ -46,6 +46,8 @@ BrdfObservations extract_demosaiced(const RadianceImage& mosaic, const RadianceI
     all.footprints.insert(all.footprints.end(), one.footprints.begin(), one.footprints.end());
     for (BrdfObservation& row : one.black) row.channel = static_cast<std::int8_t>(channel);
     all.black.insert(all.black.end(), one.black.begin(), one.black.end());
+    for (BlackSites& sites : one.doubtful) sites.channel = static_cast<std::int8_t>(channel);
+    all.doubtful.insert(all.doubtful.end(), one.doubtful.begin(), one.doubtful.end());
     if (channel == 0) all.statistics = one.statistics;
   }
   return all;

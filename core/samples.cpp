@@ -256,10 +256,10 @@ BrdfObservations extract(const RadianceImage& image, const RadianceImage* ambien
   const Sums sums{&geometry, &image, ambient, &options};
   std::vector<CellSum> black;
   if (tell_blocked) {
-    const std::vector<std::size_t> blocked =
-        leave_out_blocked(image, ambient, geometry, *neighbours, options, sites);
-    if (!blocked.empty()) black = sums.over(blocked, sites);
-    for (const std::size_t i : blocked) sites[i].set(PointState::blocked);
+    BlackPoints found = leave_out_blocked(image, ambient, geometry, *neighbours, options, sites);
+    if (!found.blocked.empty()) black = sums.over(found.blocked, sites);
+    for (const std::size_t i : found.blocked) sites[i].set(PointState::blocked);
+    out.doubtful = std::move(found.doubtful);
   }
   const std::vector<CellSum> lit = sums.over_all(sites, out.statistics);
   for (std::size_t i = 0; i < lit.size(); ++i) {

@@ -39,6 +39,15 @@ struct ExtractionStatistics {
   std::int64_t blocked = 0;
 };
 
+/// Sites of one cell and channel that are as dark as without the lamp, and are data all the same
+/// because a known material may be so dark there.
+struct BlackSites {
+  std::int32_t cell = 0;
+  std::int8_t channel = 0;
+  std::int32_t count = 0;
+  double telling_f = 0;  ///< [1/sr] a material that shows this there cannot leave any of them black
+};
+
 struct BrdfObservations {
   std::vector<BrdfObservation> rows;  ///< sorted by channel, then cell
   ExtractionStatistics statistics;
@@ -47,6 +56,9 @@ struct BrdfObservations {
   /// Rows of the blocked sites of cells that no other site shows, `below` each, sorted like rows:
   /// what there would be to say, were the material itself that dark.
   std::vector<BrdfObservation> black = {};
+  /// With ExtractOptions::least_f: what a better idea of the material would call blocked, sorted
+  /// like rows.
+  std::vector<BlackSites> doubtful = {};
 };
 
 struct ExtractOptions {

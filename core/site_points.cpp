@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <thread>
+#include <utility>
 
 #include "core/planner_kernels.h"
 #include "core/site_kernels.h"
@@ -123,13 +125,13 @@ void leave_out_mixed(const PixelNeighbours& neighbours, std::vector<SitePoint>& 
   }
 }
 
-std::vector<std::size_t> leave_out_blocked(const RadianceImage& image, const RadianceImage* ambient,
-                                           const SiteGeometry& g, const PixelNeighbours& neighbours,
-                                           const ExtractOptions& options,
-                                           std::vector<SitePoint>& sites) {
+BlackPoints leave_out_blocked(const RadianceImage& image, const RadianceImage* ambient,
+                              const SiteGeometry& g, const PixelNeighbours& neighbours,
+                              const ExtractOptions& options, std::vector<SitePoint>& sites) {
   const bool mono = image.filter == ColorFilter::mono;
   std::vector<std::uint8_t> black(sites.size(), 0);
-  std::vector<std::size_t> found;
+  std::map<std::pair<int, int>, BlackSites> doubtful;  // by channel and cell
+  BlackPoints out;
   for (std::size_t i = 0; i < sites.size(); ++i) {
     if (!sites[i].lit()) continue;
     const int site = g.points->source[i];
@@ -146,16 +148,27 @@ std::vector<std::size_t> leave_out_blocked(const RadianceImage& image, const Rad
     const int channel = mono ? 0 : channel_at(image.filter, site / image.width, site % image.width);
     const double least = (*options.least_f)(
         sites[i].cell(), std::min<Eigen::Index>(channel, options.least_f->cols() - 1));
-    if (least * options.lamp_strength[channel] * double{sites[i].irradiance} < 3 * noise) continue;
+    const double telling =
+        3 * noise / (options.lamp_strength[channel] * double{sites[i].irradiance});
+    if (least < telling) {
+      BlackSites& same = doubtful[{channel, sites[i].cell()}];
+      ++same.count;
+      same.telling_f = std::max(same.telling_f, telling);
+      continue;
+    }
     black[i] = 1;
-    found.push_back(i);
+    out.blocked.push_back(i);
   }
-  if (found.empty()) return found;
+  for (const auto& [key, same] : doubtful) {
+    out.doubtful.push_back(
+        {key.second, static_cast<std::int8_t>(key.first), same.count, same.telling_f});
+  }
+  if (out.blocked.empty()) return out;
   const std::vector<std::uint8_t> half_black = neighbours.beside(black);
   for (std::size_t i = 0; i < sites.size(); ++i) {
     if (half_black[i] != 0 && black[i] == 0 && sites[i].lit()) sites[i].set(PointState::boundary);
   }
-  return found;
+  return out;
 }
 
 }  // namespace lightrig

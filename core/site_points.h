@@ -60,10 +60,12 @@ void leave_out_mixed(const PixelNeighbours& neighbours, std::vector<SitePoint>& 
 
 /// Marks as blocked the lit pixels that are black where even the darkest known material
 /// (options.least_f) would not be, and leaves out those beside them, which may be half black.
-/// Returns the marked points.
-std::vector<std::size_t> leave_out_blocked(const RadianceImage& image, const RadianceImage* ambient,
-                                           const SiteGeometry& g, const PixelNeighbours& neighbours,
-                                           const ExtractOptions& options,
-                                           std::vector<SitePoint>& sites);
+struct BlackPoints {
+  std::vector<std::size_t> blocked;  ///< the marked points
+  std::vector<BlackSites> doubtful;  ///< black, and as it may be
+};
+BlackPoints leave_out_blocked(const RadianceImage& image, const RadianceImage* ambient,
+                              const SiteGeometry& g, const PixelNeighbours& neighbours,
+                              const ExtractOptions& options, std::vector<SitePoint>& sites);
 
 }  // namespace lightrig

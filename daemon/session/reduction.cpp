@@ -110,10 +110,25 @@ Eigen::ArrayXXd least_shown(const std::vector<Material>& materials, const BrdfBa
   return least;
 }
 
-double blocked_share(const ExtractionStatistics& s) {
+/// Share of the lit pixels from which something is in the way: less may be the pose.
+constexpr double in_the_way = 0.01;
+
+double share_of_used(std::int64_t count, const ExtractionStatistics& s) {
   const std::int64_t used =
       s.sites - s.unlit - s.shadowed - s.grazing - s.invalid_cell - s.boundary - s.off_image;
-  return used > 0 ? static_cast<double>(s.blocked) / static_cast<double>(used) : 0;
+  return used > 0 ? static_cast<double>(count) / static_cast<double>(used) : 0;
+}
+
+double blocked_share(const ExtractionStatistics& s) { return share_of_used(s.blocked, s); }
+
+/// Whether a material that shows at least this much cannot have left so many pixels black.
+bool tells_more_blocked(const BrdfObservations& light, const Eigen::ArrayXXd& least_f) {
+  std::int64_t blocked = 0;
+  for (const BlackSites& black : light.doubtful) {
+    const auto channel = std::min<Eigen::Index>(black.channel, least_f.cols() - 1);
+    if (least_f(black.cell, channel) >= black.telling_f) blocked += black.count;
+  }
+  return share_of_used(blocked, light.statistics) > in_the_way;
 }
 
 /// The light's observations with these rows, in their order; footprints go with theirs, which stand
@@ -157,10 +172,15 @@ BrdfObservations without_dark(const BrdfObservations& from) {
   return with_rows(from, from.rows, kept);
 }
 
+/// A shot's radiance with the lamp and without.
+struct Radiances {
+  RadianceImage image;
+  std::optional<RadianceImage> ambient;
+};
+
 /// What stands before the lamp darkens some lights, a dark material all of them: where most lights
 /// are mostly black, black is what the material is.
 std::vector<BrdfObservations> believed_of(const std::vector<BrdfObservations>& measured) {
-  constexpr double in_the_way = 0.01;  // of the lit pixels: less may be the pose
   const auto mostly_black = std::ranges::count_if(
       measured, [](const BrdfObservations& o) { return blocked_share(o.statistics) > 0.5; });
   const bool dark_material = 2 * static_cast<std::size_t>(mostly_black) > measured.size();
@@ -200,8 +220,14 @@ struct Reduction::State {
   Result<RadianceImage> merge(const std::vector<StoredFrame>& stored);
   void extract_shot(const CapturedShot& shot, const RadianceImage& image,
                     const RadianceImage* ambient);
+  BrdfObservations observed(int shot, const Eigen::Array3d& strength, const RadianceImage& image,
+                            const RadianceImage* ambient, const Eigen::ArrayXXd& least);
   std::vector<BrdfObservations> chosen(const std::vector<BrdfObservations>& from,
                                        bool held_out) const;
+  Result<Radiances> merge_shot(const CapturedShot& shot);
+  std::size_t fit_to(const std::vector<BrdfObservations>& extracted);
+  Eigen::ArrayXXd surely_shown() const;
+  bool look_again(std::vector<BrdfObservations>& extracted);
 };
 
 // Reads and merges frames of one kind; the darks are read once, when first needed.
@@ -225,35 +251,60 @@ Result<RadianceImage> Reduction::State::merge(const std::vector<StoredFrame>& st
   return merge_hdr(*frames, *darks, rig->camera.sensor, merge_options);
 }
 
-void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImage& image,
-                                    const RadianceImage* ambient) {
-  ReducedShot reduced;
-  reduced.shot = shot;
-  reduced.light = prepared->plan.shots[static_cast<std::size_t>(shot.index)].light;
-  reduced.strength = rig->lamp.strength * shot.lamp_power;
-  Stopwatch extracting("extract", cost);
+// A shot with the lamp and, where frames of it were taken, without.
+Result<Radiances> Reduction::State::merge_shot(const CapturedShot& shot) {
+  std::vector<StoredFrame> bracket, ambient_frames;
+  std::ranges::copy_if(shot.frames, std::back_inserter(bracket), is_data);
+  std::ranges::copy_if(shot.frames, std::back_inserter(ambient_frames),
+                       [](const StoredFrame& f) { return f.role == "ambient"; });
+  auto image = merge(bracket);
+  if (!image) return tl::unexpected(image.error());
+  Radiances out{std::move(*image), std::nullopt};
+  if (ambient_frames.empty()) return out;
+  auto ambient = merge(ambient_frames);
+  if (!ambient) return tl::unexpected(with_context("ambient", ambient.error()));
+  out.ambient = std::move(*ambient);
+  return out;
+}
+
+BrdfObservations Reduction::State::observed(int shot, const Eigen::Array3d& strength,
+                                            const RadianceImage& image,
+                                            const RadianceImage* ambient,
+                                            const Eigen::ArrayXXd& least) {
+  const Stopwatch extracting("extract", cost);
   ExtractOptions extraction;
   extraction.limits = spec->plan.limits;
-  extraction.lamp_strength = reduced.strength;
+  extraction.lamp_strength = strength;
   extraction.threads = options.threads;
   const GantryModel& gantry = rig->gantry.model;
-  const Shot& planned = prepared->plan.shots[static_cast<std::size_t>(shot.index)];
+  const Shot& planned = prepared->plan.shots[static_cast<std::size_t>(shot)];
   const CameraModel camera = camera_at(gantry, rig->camera.model, planned.gantry);
-  const SurfacePoints& points = points_of_shot(*prepared, shot.index);
+  const SurfacePoints& points = points_of_shot(*prepared, shot);
   if (points.from_pixels && (!neighbours || turns_object(gantry))) {
     neighbours.emplace(points, image.width, image.height);
   }
   extraction.neighbours = neighbours ? &*neighbours : nullptr;
-  extraction.least_f = &least_f;
+  extraction.least_f = &least;
   if (spec->estimator == Estimator::map) extraction.footprints = footprints_per_row;
   const auto observe = rig->camera.demosaic ? extract_demosaiced : extract;
-  measured.push_back(observe(image, ambient, points, camera, reduced.light, basis.grid, basis.valid,
-                             *prepared->occluder, extraction));
+  return observe(image, ambient, points, camera, planned.light, basis.grid, basis.valid,
+                 *prepared->occluder, extraction);
+}
+
+void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImage& image,
+                                    const RadianceImage* ambient) {
+  ReducedShot reduced;
+  reduced.shot = shot;
+  const Shot& planned = prepared->plan.shots[static_cast<std::size_t>(shot.index)];
+  reduced.light = planned.light;
+  reduced.strength = rig->lamp.strength * shot.lamp_power;
+  measured.push_back(observed(shot.index, reduced.strength, image, ambient, least_f));
   observations.push_back(measured.back());
-  extracting.stop();
   if (options.pictures) {
-    Stopwatch drawing("pictures", cost);
+    const Stopwatch drawing("pictures", cost);
+    const GantryModel& gantry = rig->gantry.model;
     if (sites.empty() || turns_object(gantry)) {
+      const CameraModel camera = camera_at(gantry, rig->camera.model, planned.gantry);
       sites.push_back(lightrig::image_sites(prepared->object.mesh, *prepared->occluder, camera,
                                             rig->camera.sensor.filter, picture_pixels));
     }
@@ -310,57 +361,88 @@ Result<void> Reduction::add(const CapturedShot& shot) {
     return fail(ErrorCode::invalid_input, fmt::format("{}: it is light {} of a plan of {}", doing,
                                                       shot.index, s.prepared->plan.shots.size()));
   }
-  std::vector<StoredFrame> bracket, ambient_frames;
-  std::ranges::copy_if(shot.frames, std::back_inserter(bracket), is_data);
-  std::ranges::copy_if(shot.frames, std::back_inserter(ambient_frames),
-                       [](const StoredFrame& f) { return f.role == "ambient"; });
-  const auto image = s.merge(bracket);
-  if (!image) return tl::unexpected(with_context(doing, image.error()));
-  std::optional<RadianceImage> ambient;
-  if (!ambient_frames.empty()) {
-    auto merged = s.merge(ambient_frames);
-    if (!merged) return tl::unexpected(with_context(doing + ", ambient", merged.error()));
-    ambient = std::move(*merged);
-  }
+  auto radiances = s.merge_shot(shot);
+  if (!radiances) return tl::unexpected(with_context(doing, radiances.error()));
+  const auto& [image, ambient] = *radiances;
   const CameraModel& camera = s.rig->camera.model;
-  if (image->width != camera.width || image->height != camera.height) {
+  if (image.width != camera.width || image.height != camera.height) {
     return fail(ErrorCode::invalid_input,
                 fmt::format("{}: its frames are {} × {}, the rig's camera is {} × {}", doing,
-                            image->width, image->height, camera.width, camera.height));
+                            image.width, image.height, camera.width, camera.height));
   }
   if (!s.options.radiance.empty()) {
     Stopwatch storing("store radiance", s.cost);
-    if (auto written = write_radiance(s.options.radiance, shot.name, *image); !written) {
+    if (auto written = write_radiance(s.options.radiance, shot.name, image); !written) {
       return tl::unexpected(with_context(doing, written.error()));
     }
   }
-  s.extract_shot(shot, *image, ambient ? &*ambient : nullptr);
+  s.extract_shot(shot, image, ambient ? &*ambient : nullptr);
   return {};
+}
+
+// Returns how many lights were fitted.
+std::size_t Reduction::State::fit_to(const std::vector<BrdfObservations>& extracted) {
+  Stopwatch fitting("fit", cost);
+  const std::vector<BrdfObservations> believed = believed_of(extracted);
+  const std::vector<BrdfObservations> fitted = chosen(believed, false);
+  FitOptions fit_options;
+  fit_options.estimator = spec->estimator;
+  fit_options.model_sigma = expected_sigma;
+  const AzimuthModel& azimuths = prepared->azimuths;
+  AdaptiveFit adapted =
+      fit_refined(basis, azimuths, fitted, rig->camera.sensor.channels(), fit_options);
+  coefficients = std::move(adapted.coefficients);
+  basis.model_sigma = adapted.model_sigma;
+  for (std::size_t i = 0; i < extracted.size(); ++i) {
+    observations[i] = refined(believed[i], basis, azimuths, coefficients);
+    observations[i].footprints.clear();
+  }
+  fitting.stop();
+  const Stopwatch reconstructing("reconstruct", cost);
+  reconstruction = reconstruct(basis, coefficients);
+  return fitted.size();
+}
+
+// What the material shows at the least: what the darkest of the basis does, and more where all
+// lights together tell so, three deviations below the estimate.
+Eigen::ArrayXXd Reduction::State::surely_shown() const {
+  const Eigen::ArrayXXd low = reconstruction.brdf.f * (-3 * reconstruction.log_stddev).exp();
+  Eigen::ArrayXXd least = low.isFinite().select(low, 0.0);
+  for (Eigen::Index channel = 0; channel < least.cols(); ++channel) {
+    least.col(channel) = least.col(channel).max(least_f.col(0));
+  }
+  return least;
+}
+
+// A bright material leaves no lit pixel black, but how bright it is only the fit tells: lights with
+// black pixels that the estimate rules out are extracted again.
+bool Reduction::State::look_again(std::vector<BrdfObservations>& extracted) {
+  const Eigen::ArrayXXd least = surely_shown();
+  bool found = false;
+  for (std::size_t i = 0; i < extracted.size(); ++i) {
+    if (!tells_more_blocked(extracted[i], least)) continue;
+    const ReducedShot& shot = shots[i];
+    const auto radiances = merge_shot(shot.shot);
+    if (!radiances) continue;  // it was read well before: what was measured stands
+    const auto& [image, ambient] = *radiances;
+    extracted[i] =
+        observed(shot.shot.index, shot.strength, image, ambient ? &*ambient : nullptr, least);
+    found = true;
+  }
+  return found;
 }
 
 CurvePoint Reduction::estimate() {
   State& s = *state_;
-  Stopwatch fitting("fit", s.cost);
-  const std::vector<BrdfObservations> believed = believed_of(s.measured);
-  const std::vector<BrdfObservations> fitted = s.chosen(believed, false);
-  FitOptions fit_options;
-  fit_options.estimator = s.spec->estimator;
-  fit_options.model_sigma = s.expected_sigma;
-  const AzimuthModel& azimuths = s.prepared->azimuths;
-  AdaptiveFit adapted =
-      fit_refined(s.basis, azimuths, fitted, s.rig->camera.sensor.channels(), fit_options);
-  s.coefficients = std::move(adapted.coefficients);
-  s.basis.model_sigma = adapted.model_sigma;
-  for (std::size_t i = 0; i < s.measured.size(); ++i) {
-    s.observations[i] = refined(believed[i], s.basis, azimuths, s.coefficients);
-    s.observations[i].footprints.clear();
+  constexpr int most_looks = 3;
+  std::vector<BrdfObservations> extracted = s.measured;
+  std::size_t lights = s.fit_to(extracted);
+  for (int look = 0; look < most_looks && s.look_again(extracted); ++look) {
+    lights = s.fit_to(extracted);
   }
-  fitting.stop();
-  Stopwatch reconstructing("reconstruct", s.cost);
-  s.reconstruction = reconstruct(s.basis, s.coefficients);
 
   CurvePoint point;
-  point.lights = static_cast<int>(fitted.size());
+  point.lights = static_cast<int>(lights);
   for (const ReducedShot& shot : s.shots) {
     if (!shot.shot.held_out) point.elapsed_s = std::max(point.elapsed_s, shot.shot.elapsed_s);
   }

@@ -100,9 +100,9 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
     if (100 * s.blocked > shown) {
       lines.push_back(fmt::format(
           "{}: {} of {} lit pixels were as dark as without the lamp, where the darkest material of "
-          "the basis would show: look for what stands between lamp and sample. If nothing does, "
-          "the "
-          "sample is darker than all of them: add dark materials to the basis.",
+          "the basis, or this one as the other pixels tell it, would show: they are left out. Look "
+          "for what stands between lamp and sample. If nothing does, the sample is darker than all "
+          "of the basis: add dark materials to it.",
           light.shot.name, s.blocked, shown));
     }
     const std::int64_t used = light.rows_value + light.rows_censored;

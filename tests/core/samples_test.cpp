@@ -148,7 +148,15 @@ TEST_F(Extract, LeavesOutWhatSomethingUnknownShadowsAndWhatIsBesideIt) {
   // Where known materials are dark themselves, or nothing is known of them, black is a value.
   const Eigen::ArrayXXd dark = Eigen::ArrayXXd::Constant(grid_.cells(), 1, 1e-4);
   options_.least_f = &dark;
-  EXPECT_EQ(run(image).statistics.blocked, 0);
+  const BrdfObservations doubted = run(image);
+  EXPECT_EQ(doubted.statistics.blocked, 0);
+  // Yet it is known what a brighter one could not have left black: what 0.1 has told above.
+  std::int64_t doubtful = 0;
+  for (const BlackSites& black : doubted.doubtful) {
+    EXPECT_GT(black.telling_f, 1e-4);
+    doubtful += black.telling_f <= 0.1 ? black.count : 0;
+  }
+  EXPECT_EQ(doubtful, found.statistics.blocked);
   options_.least_f = nullptr;
   const BrdfObservations believed = run(image);
   EXPECT_EQ(believed.statistics.blocked, 0);

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <numbers>
 #include <string>
@@ -135,6 +136,8 @@ class LittleLab {
   SessionSpec spec;
   Prepared prepared;
   std::vector<LightPosition> candidates;
+  /// What is captured from now on lies in shadow from this column of the picture on.
+  int shadow_from = std::numeric_limits<int>::max();
   SessionFolder folder() const { return {root_}; }
 
  private:
@@ -174,7 +177,8 @@ class LittleLab {
     for (int row = 0; row < frame.counts.height; ++row) {
       for (int column = 0; column < frame.counts.width; ++column) {
         const int channel = channel_at(sensor.filter, row, column);
-        const double seen = radiance(truth, light, column, row, channel) + ambient;
+        const double lit = column < shadow_from ? radiance(truth, light, column, row, channel) : 0;
+        const double seen = lit + ambient;
         double electrons = sensor.response[channel] * seen * exposure;
         electrons += noise() * std::sqrt(electrons + sensor.read_noise * sensor.read_noise);
         const double counts =

@@ -2,6 +2,8 @@
 
 #include <gmock/gmock.h>
 
+#include <limits>
+
 #include "daemon/session/baselines.h"
 #include "daemon/session/held_out.h"
 #include "daemon/session/image_sites.h"
@@ -90,6 +92,36 @@ TEST(Reduction, TakesAmbientLightOutAgain) {
   const double ignored = *reduce(blind, ambient, false, 2).estimate().true_error_percent;
   EXPECT_LT(subtracted, 1.3 * without + 0.3);
   EXPECT_GT(ignored, 1.5 * subtracted);
+}
+
+// Its pixels are too noisy there to tell black from the darkest of the basis, and dark enough to
+// tell that it is not this material, once the other pixels have told what that is.
+TEST(Reduction, LeavesOutAShadowThatOnlyTheMaterialItselfTells) {
+  double error[2] = {};
+  for (const bool shadow : {false, true}) {
+    const Scratch scratch;
+    LittleLab lab(scratch.path());
+    lab.plan({1, 4, 7, 11, 14, 16});
+    ReductionOptions options;
+    options.reference = Reference{"truth", truth_table(lab)};
+    Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, options);
+    for (int i = 0; i < 5; ++i) {
+      lab.shadow_from = shadow && i == 1 ? 60 : std::numeric_limits<int>::max();
+      ASSERT_TRUE(reduction.add(lab.capture(i, unknown.reflectance(), {2e-4, 2e-3})));
+      EXPECT_EQ(reduction.observations().back().statistics.blocked, 0);
+    }
+    error[shadow] = *reduction.estimate().true_error_percent;
+    for (std::size_t i = 0; i < 5; ++i) {
+      const std::int64_t blocked = reduction.observations()[i].statistics.blocked;
+      if (shadow && i == 1)
+        EXPECT_GT(blocked, 500);
+      else
+        EXPECT_EQ(blocked, 0) << i;
+    }
+    const double once = *reduction.estimate().true_error_percent;
+    EXPECT_EQ(error[shadow], once);
+  }
+  EXPECT_LT(error[true], 1.5 * error[false]);
 }
 
 TEST(Reduction, RefusesAFrameThatIsNotTheOneTheJournalNames) {
