@@ -16,6 +16,7 @@
 #include "daemon/session/capture_time.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/plan_json.h"
+#include "daemon/session/plan_shots.h"
 #include "daemon/session/prepare.h"
 #include "daemon/session/session_folder.h"
 
@@ -166,15 +167,20 @@ double bytes_at_most(const Rig& rig, const Plan& plan) {
   return frames * frame;
 }
 
-Json dry_run_json(const Rig& rig, const Plan& plan, const CaptureTime& time) {
+Json dry_run_json(const Rig& rig, const Prepared& prepared, const CaptureTime& time) {
+  const Plan& plan = prepared.plan;
+  const std::vector<double> predicted = predicted_on_the_way(prepared);
   Json steps = Json::array();
-  for (const ShotTime& step : time.shots)
+  for (std::size_t i = 0; i < time.shots.size(); ++i) {
+    const ShotTime& step = time.shots[i];
     steps.push_back({{"shot", shot_name(plan, step.shot)},
                      {"move_s", step.move},
                      {"settle_s", step.settle},
                      {"warm_up_s", step.warm_up},
                      {"exposures_s", step.exposures},
-                     {"total_s", step.total()}});
+                     {"total_s", step.total()},
+                     {"predicted_error_percent", predicted[i]}});
+  }
   Json axes = Json::array();
   const auto ranges = axis_ranges(plan, rig.gantry.model.axes.size());
   for (std::size_t a = 0; a < ranges.size(); ++a) {
@@ -194,22 +200,25 @@ Json dry_run_json(const Rig& rig, const Plan& plan, const CaptureTime& time) {
           {"bytes_at_most", bytes_at_most(rig, plan)}};
 }
 
-std::string dry_run_words(const Rig& rig, const Plan& plan, const CaptureTime& time) {
+std::string dry_run_words(const Rig& rig, const Prepared& prepared, const CaptureTime& time) {
+  const Plan& plan = prepared.plan;
+  const std::vector<double> predicted = predicted_on_the_way(prepared);
   std::vector<std::vector<std::string>> rows;
   const auto seconds = [](double value) { return fmt::format("{:.1f}", value); };
   double sum = time.dark;
   rows.push_back({"dark frames", "", "", "", seconds(time.dark), seconds(sum), ""});
-  for (const ShotTime& step : time.shots) {
+  for (std::size_t i = 0; i < time.shots.size(); ++i) {
+    const ShotTime& step = time.shots[i];
     const Shot& shot = plan.shots[static_cast<std::size_t>(step.shot)];
     sum += step.total();
     rows.push_back({shot_name(plan, step.shot), seconds(step.move), seconds(step.settle),
                     seconds(step.warm_up), seconds(step.exposures), seconds(sum),
-                    shot.held_out ? "held out" : percent(shot.selection.predicted_error_percent)});
+                    shot.held_out ? "held out" : percent(predicted[i])});
   }
-  std::string words = table(
-      {"step", "move s", "settle s", "warm-up s", "expose s", "elapsed s", "predicted error*"},
-      rows);
-  words += "* with this light and all selected before it\n\n";
+  std::string words =
+      table({"step", "move s", "settle s", "warm-up s", "expose s", "elapsed s", "predicted error"},
+            rows);
+  words += "\n";
   rows.clear();
   const auto ranges = axis_ranges(plan, rig.gantry.model.axes.size());
   for (std::size_t a = 0; a < ranges.size(); ++a) {
@@ -233,8 +242,8 @@ int dry_run(const DryRunOptions& options) {
   const auto prepared = prepare(rig, files.spec());
   if (!prepared) return complain(with_context("plan", prepared.error()));
   const CaptureTime time = capture_time(rig, files.spec(), prepared->plan);
-  say(options.json ? json_text(dry_run_json(rig, prepared->plan, time))
-                   : dry_run_words(rig, prepared->plan, time));
+  say(options.json ? json_text(dry_run_json(rig, *prepared, time))
+                   : dry_run_words(rig, *prepared, time));
   return 0;
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "core/planner.h"
 #include "core/route.h"
 #include "daemon/session/capture_time.h"
 #include "daemon/session/split_mix.h"
@@ -71,6 +72,32 @@ std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& sp
     taken.push_back(held_out.back());
   }
   return held_out;
+}
+
+std::vector<double> predicted_on_the_way(const Prepared& prepared) {
+  const Plan& plan = prepared.plan;
+  CandidateBins bins;  // of the way's shots alone, in its order
+  bins.grid = prepared.bins.grid;
+  bins.offset.push_back(0);
+  for (const int index : plan.visit_order) {
+    const auto cells = prepared.bins.of(plan.shots[static_cast<std::size_t>(index)].candidate);
+    bins.cell.insert(bins.cell.end(), cells.begin(), cells.end());
+    bins.offset.push_back(static_cast<std::int64_t>(bins.cell.size()));
+  }
+  SelectionOptions options;
+  options.criterion = Criterion::a_optimal;  // the posterior is what the prediction is made of
+  options.sigma = prepared.plan_basis.model_sigma;
+  LightPlanner planner(prepared.plan_basis, bins, options);
+  std::vector<double> percent;
+  double last = plan.mean_only_error_percent;
+  for (std::size_t i = 0; i < plan.visit_order.size(); ++i) {
+    if (!plan.shots[static_cast<std::size_t>(plan.visit_order[i])].held_out) {
+      options.already.push_back(static_cast<int>(i));
+      last = planner.judge(options).predicted_error_percent;
+    }
+    percent.push_back(last);
+  }
+  return percent;
 }
 
 }  // namespace lightrig

@@ -16,6 +16,10 @@ Shot shot_at(const Prepared& prepared, const SessionSpec& spec, const SelectedLi
 std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const Plan& plan);
 bool may_stop_early(const SessionSpec& spec);
 
+/// The percentage error predicted of MAP after each shot of the way, in the way's order: not the
+/// plan's own figures, which are in the order of choosing. A held-out shot changes nothing.
+std::vector<double> predicted_on_the_way(const Prepared& prepared);
+
 /// [rad] 10° from every other light, where there are such.
 inline constexpr double held_out_distance = std::numbers::pi / 18;
 /// Angle between two lamp positions as the object's middle sees them [rad].

@@ -11,6 +11,7 @@
 #include "daemon/session/capture_time.h"
 #include "daemon/session/lay_candidates.h"
 #include "daemon/session/plan_json.h"
+#include "daemon/session/plan_shots.h"
 #include "tests/session/scene.h"
 #include "tests/session/scratch.h"
 
@@ -109,6 +110,27 @@ TEST(Prepare, ChoosesTheSameLightsWithoutAnyShortcut) {
   for (std::size_t i = 0; i < a.shots.size(); ++i) {
     EXPECT_EQ(a.shots[i].candidate, b.shots[i].candidate);
   }
+}
+
+TEST(Prepare, PredictsTheErrorAfterEveryStepOfTheWay) {
+  const Prepared& prepared = small_plan();
+  const Plan& plan = prepared.plan;
+  const std::vector<double> percent = predicted_on_the_way(prepared);
+  ASSERT_EQ(percent.size(), plan.visit_order.size());
+  double before = plan.mean_only_error_percent;
+  for (std::size_t i = 0; i < percent.size(); ++i) {
+    const Shot& shot = plan.shots[static_cast<std::size_t>(plan.visit_order[i])];
+    if (shot.held_out)
+      EXPECT_EQ(percent[i], before);
+    else
+      EXPECT_LT(percent[i], before);
+    before = percent[i];
+  }
+  // At its end all lights are there, whatever the order they were chosen in.
+  double least = plan.mean_only_error_percent;
+  for (const Shot& shot : plan.shots)
+    if (!shot.held_out) least = std::min(least, shot.selection.predicted_error_percent);
+  EXPECT_NEAR(percent.back(), least, 1e-9 * least);
 }
 
 TEST(Prepare, AStoredPlanIsTakenAsItIsAndRefusedOnAnotherRig) {
