@@ -192,7 +192,7 @@ std::vector<KeySpec> check_keys() {
       {.name = "replan",
        .kind = ValueKind::boolean,
        .need = Need::defaulted,
-       .fallback = "false",
+       .fallback = "true",
        .doc = "While capturing, choose the remaining lights anew where earlier ones lost rows "
               "(saturated, dark, blocked) and others then promise more."},
       {.name = "random_baseline",

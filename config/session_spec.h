@@ -48,7 +48,7 @@ struct PlanConfig {
   ShadowRays shadows = ShadowRays::needed;
   GrazingLimits limits;
   int held_out_lights = 1;
-  bool replan = false;  ///< choose the remaining lights anew where earlier ones lost rows
+  bool replan = true;  ///< choose the remaining lights anew where earlier ones lost rows
   bool random_baseline =
       true;                ///< report what as many random lights would have given (simulation only)
   std::uint64_t seed = 1;  ///< of the held-out choice and the random baseline

@@ -121,14 +121,13 @@ double share_of_used(std::int64_t count, const ExtractionStatistics& s) {
 
 double blocked_share(const ExtractionStatistics& s) { return share_of_used(s.blocked, s); }
 
-/// Whether a material that shows at least this much cannot have left so many pixels black.
+/// Whether a material that shows at least this much cannot have left some of the pixels black that
+/// were believed.
 bool tells_more_blocked(const BrdfObservations& light, const Eigen::ArrayXXd& least_f) {
-  std::int64_t blocked = 0;
-  for (const BlackSites& black : light.doubtful) {
+  return std::ranges::any_of(light.doubtful, [&](const BlackSites& black) {
     const auto channel = std::min<Eigen::Index>(black.channel, least_f.cols() - 1);
-    if (least_f(black.cell, channel) >= black.telling_f) blocked += black.count;
-  }
-  return share_of_used(blocked, light.statistics) > in_the_way;
+    return least_f(black.cell, channel) >= black.telling_f;
+  });
 }
 
 /// The light's observations with these rows, in their order; footprints go with theirs, which stand
@@ -434,12 +433,17 @@ bool Reduction::State::look_again(std::vector<BrdfObservations>& extracted) {
 
 CurvePoint Reduction::estimate() {
   State& s = *state_;
-  constexpr int most_looks = 3;
   std::vector<BrdfObservations> extracted = s.measured;
-  std::size_t lights = s.fit_to(extracted);
-  for (int look = 0; look < most_looks && s.look_again(extracted); ++look) {
-    lights = s.fit_to(extracted);
+  const auto doubted = [](const BrdfObservations& light) { return !light.doubtful.empty(); };
+  if (std::ranges::any_of(extracted, doubted)) {
+    // What is to judge black pixels must not rest on the bounds that they set.
+    std::vector<BrdfObservations> bright = extracted;
+    for (BrdfObservations& light : bright)
+      if (doubted(light)) light = without_dark(light);
+    s.fit_to(bright);
+    s.look_again(extracted);
   }
+  const std::size_t lights = s.fit_to(extracted);
 
   CurvePoint point;
   point.lights = static_cast<int>(lights);

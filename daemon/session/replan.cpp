@@ -19,7 +19,7 @@ constexpr double enough_channels = 0.5;
 /// Share of a light's planned bins that may be lost before the rest of the plan is looked at again.
 constexpr double tolerable_loss = 0.1;
 /// Relative gain in the criterion for which a reviewed plan is changed.
-constexpr double least_gain = 0.04;
+constexpr double least_gain = 0.02;
 /// [rad] 15°: lights as near as this to one that was blocked are blocked by the same thing.
 constexpr double same_shadow = 0.26179938779914943;
 

@@ -23,7 +23,6 @@ struct ContractSubject {
   std::function<double()> lamp_power_at_far_end;
   /// Whether the far end's drives are in motion; empty if it cannot say.
   std::function<bool()> moving_at_far_end;
-  bool simulated_time = false;  ///< the clock does not run by itself
 };
 
 /// A backend under contract. The rig must have: a dome of at least ±90° azimuth and 10° … 60°
@@ -54,5 +53,8 @@ class DeviceContract : public testing::TestWithParam<ContractBackend> {
 
   ContractSubject subject;
 };
+
+/// What the same backends promise while something lasts: not for a clock on which nothing does.
+class DeviceContractInTime : public DeviceContract {};
 
 }  // namespace lightrig

@@ -44,6 +44,9 @@ ContractSubject gige_vision() {
 INSTANTIATE_TEST_SUITE_P(Wire, DeviceContract,
                          testing::Values(ContractBackend{"GigEVision", gige_vision}),
                          [](const auto& backend) { return backend.param.name; });
+INSTANTIATE_TEST_SUITE_P(Wire, DeviceContractInTime,
+                         testing::Values(ContractBackend{"GigEVision", gige_vision}),
+                         [](const auto& backend) { return backend.param.name; });
 
 }  // namespace
 }  // namespace lightrig

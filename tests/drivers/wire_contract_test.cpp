@@ -192,7 +192,10 @@ std::vector<ContractBackend> wires() {
 }  // namespace
 
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(DeviceContract);
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(DeviceContractInTime);
 INSTANTIATE_TEST_SUITE_P(Wires, DeviceContract, testing::ValuesIn(wires()),
+                         [](const auto& backend) { return backend.param.name; });
+INSTANTIATE_TEST_SUITE_P(Wires, DeviceContractInTime, testing::ValuesIn(wires()),
                          [](const auto& backend) { return backend.param.name; });
 
 }  // namespace lightrig

@@ -4,7 +4,6 @@
 
 #include <cmath>
 #include <filesystem>
-#include <limits>
 #include <memory>
 #include <numbers>
 #include <string>
@@ -136,8 +135,8 @@ class LittleLab {
   SessionSpec spec;
   Prepared prepared;
   std::vector<LightPosition> candidates;
-  /// What is captured from now on lies in shadow from this column of the picture on.
-  int shadow_from = std::numeric_limits<int>::max();
+  /// What is captured from now on lies in shadow from one column of the picture to before another.
+  int shadow_from = 0, shadow_to = 0;
   SessionFolder folder() const { return {root_}; }
 
  private:
@@ -177,7 +176,8 @@ class LittleLab {
     for (int row = 0; row < frame.counts.height; ++row) {
       for (int column = 0; column < frame.counts.width; ++column) {
         const int channel = channel_at(sensor.filter, row, column);
-        const double lit = column < shadow_from ? radiance(truth, light, column, row, channel) : 0;
+        const bool shadow = column >= shadow_from && column < shadow_to;
+        const double lit = shadow ? 0 : radiance(truth, light, column, row, channel);
         const double seen = lit + ambient;
         double electrons = sensor.response[channel] * seen * exposure;
         electrons += noise() * std::sqrt(electrons + sensor.read_noise * sensor.read_noise);
