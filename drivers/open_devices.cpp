@@ -51,9 +51,23 @@ bool lamp_shares_gantrys_wire(const Rig& rig) {
   });
 }
 
+/// A rig of which a part cannot be had in this build is not opened half: what is absent is said
+/// before a gantry is asked for anything.
+Result<void> all_built(const Rig& rig) {
+  const std::vector<std::string> named = backends_named_by(rig);
+  for (const Backend& backend : backends()) {
+    if (backend.built || std::find(named.begin(), named.end(), backend.name) == named.end())
+      continue;
+    return fail(ErrorCode::not_built, fmt::format("open the devices: the rig file names {}: {}",
+                                                  backend.name, backend.remedy));
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<Devices> open_devices(const Rig& rig, Clock& clock) {
+  if (auto all = all_built(rig); !all) return tl::unexpected(all.error());
   Devices devices;
   auto gantry = std::visit([&](const auto& backend) { return open_gantry(rig, backend, clock); },
                            rig.gantry.backend);

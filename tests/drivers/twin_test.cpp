@@ -48,6 +48,28 @@ TEST(Twin, ALeftOutBackendSaysSoAndHowToGetIt) {
   }
 }
 
+TEST(Twin, ARigOfWhichAPartIsLeftOutIsNotOpenedHalf) {
+  RealClock clock;
+  Rig rig;
+  SerialEndpoint nowhere;
+  nowhere.device = "/dev/lightrig-none";
+  GrblGantry grbl;
+  grbl.endpoint = nowhere;
+  rig.gantry.backend = grbl;
+  rig.camera.backend = AravisCamera{};
+  const auto devices = open_devices(rig, clock);
+  ASSERT_FALSE(devices);
+  const Backend missing = !usb_backend().built ? usb_backend() : aravis_backend();
+  if (missing.built) {
+    EXPECT_NE(devices.error().code, ErrorCode::not_built) << "the port is not there";
+    return;
+  }
+  // Although the gantry, which comes first, is not there either.
+  EXPECT_EQ(devices.error().code, ErrorCode::not_built) << devices.error().message;
+  EXPECT_NE(devices.error().message.find(missing.remedy), std::string::npos)
+      << devices.error().message;
+}
+
 TEST(Twin, EveryBackendIsNamedOnce) {
   const std::vector<Backend> all = backends();
   ASSERT_EQ(all.size(), 3U);
