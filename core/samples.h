@@ -45,7 +45,7 @@ struct BlackSites {
   std::int32_t cell = 0;
   std::int8_t channel = 0;
   std::int32_t count = 0;
-  double telling_f = 0;  ///< [1/sr] a material that shows this there cannot leave any of them black
+  double telling_f = 0;  ///< [1/sr] a material that shows this there cannot leave all of them black
 };
 
 struct BrdfObservations {
@@ -69,7 +69,8 @@ struct ExtractOptions {
   bool drop_mixed = true;        ///< leave out pixels at silhouettes, creases and edges of shadows
   int footprints = 0;  ///< most sites of a row whose footprints are kept, evenly over its sites
   const PixelNeighbours* neighbours = nullptr;  ///< of the points; null: found for this call alone
-  /// (cells × channels) [1/sr] the least that a known material shows. A lit pixel within
+  /// (cells × channels) [1/sr] the least that a known material shows, or that this one is known to.
+  /// A lit pixel within
   /// detection_sigma of no light at all, where this much would be three times as far from it, is
   /// blocked: something stands before the lamp that the model does not know. It and the pixels
   /// beside it are left out. Null: a black pixel is a dark material. Points of pixels only.

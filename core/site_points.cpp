@@ -152,8 +152,8 @@ BlackPoints leave_out_blocked(const RadianceImage& image, const RadianceImage* a
         3 * noise / (options.lamp_strength[channel] * double{sites[i].irradiance});
     if (least < telling) {
       BlackSites& same = doubtful[{channel, sites[i].cell()}];
+      same.telling_f = same.count == 0 ? telling : std::min(same.telling_f, telling);
       ++same.count;
-      same.telling_f = std::max(same.telling_f, telling);
       continue;
     }
     black[i] = 1;

@@ -58,12 +58,13 @@ std::vector<SitePoint> place_all(const SiteGeometry& g, int width, int height, i
 /// Marks lit pixels that mix two radiances: their centre's geometry says nothing of their value.
 void leave_out_mixed(const PixelNeighbours& neighbours, std::vector<SitePoint>& sites);
 
-/// Marks as blocked the lit pixels that are black where even the darkest known material
-/// (options.least_f) would not be, and leaves out those beside them, which may be half black.
+/// Points that are as dark as without the lamp.
 struct BlackPoints {
   std::vector<std::size_t> blocked;  ///< the marked points
   std::vector<BlackSites> doubtful;  ///< black, and as it may be
 };
+/// Marks as blocked the lit pixels that are black where even the darkest known material
+/// (options.least_f) would not be, and leaves out those beside them, which may be half black.
 BlackPoints leave_out_blocked(const RadianceImage& image, const RadianceImage* ambient,
                               const SiteGeometry& g, const PixelNeighbours& neighbours,
                               const ExtractOptions& options, std::vector<SitePoint>& sites);

@@ -96,11 +96,17 @@ void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& 
     changed_.notify_all();
     lock.unlock();
   }
-  const Result<void> added = reduction.add(shot);
+  Result<void> added = reduction.add(shot);
   std::optional<CurvePoint> point;
   std::optional<LightYield> yield;
   if (added) {
     point = reduction.estimate();
+    if (reduction.trouble()) {
+      added = tl::unexpected(*reduction.trouble());
+      point.reset();
+    }
+  }
+  if (point) {
     yield = yield_of(prepared_, shot.index, reduction.observations().back(),
                      rig_.camera.sensor.channels());
   }

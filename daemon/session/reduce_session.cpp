@@ -51,6 +51,7 @@ Result<std::vector<CurvePoint>> reduce_shots(const SessionRecord& record, Reduct
   for (const CapturedShot& shot : reduction_order(record.shots)) {
     if (auto added = reduction.add(shot); !added) return tl::unexpected(added.error());
     if (!shot.held_out) curve.push_back(reduction.estimate());
+    if (reduction.trouble()) return tl::unexpected(*reduction.trouble());
   }
   if (curve.empty()) {
     return fail(ErrorCode::invalid_input,

@@ -215,6 +215,7 @@ struct Reduction::State {
   Coefficients coefficients;
   Reconstruction reconstruction;
   std::vector<StageCost> cost;
+  std::optional<Error> trouble;
 
   Result<RadianceImage> merge(const std::vector<StoredFrame>& stored);
   void extract_shot(const CapturedShot& shot, const RadianceImage& image,
@@ -403,12 +404,22 @@ std::size_t Reduction::State::fit_to(const std::vector<BrdfObservations>& extrac
 }
 
 // What the material shows at the least: what the darkest of the basis does, and more where all
-// lights together tell so, three deviations below the estimate.
+// lights together tell so, three deviations below the estimate. What is not above the mapping's
+// floor there may be anything below it.
 Eigen::ArrayXXd Reduction::State::surely_shown() const {
-  const Eigen::ArrayXXd low = reconstruction.brdf.f * (-3 * reconstruction.log_stddev).exp();
-  Eigen::ArrayXXd least = low.isFinite().select(low, 0.0);
+  const BrdfTable& brdf = reconstruction.brdf;
+  Eigen::ArrayXXd least = Eigen::ArrayXXd::Zero(brdf.f.rows(), brdf.f.cols());
   for (Eigen::Index channel = 0; channel < least.cols(); ++channel) {
-    least.col(channel) = least.col(channel).max(least_f.col(0));
+    for (int cell = 0; cell < brdf.grid.cells(); ++cell) {
+      const double f = brdf.f(cell, channel);
+      if (std::isfinite(f)) {
+        const double low = unmap_value(
+            basis.mapping, cell,
+            map_value(basis.mapping, cell, f) - 3 * reconstruction.log_stddev(cell, channel));
+        if (low > basis.mapping.floor) least(cell, channel) = low;
+      }
+      least(cell, channel) = std::max(least(cell, channel), least_f(cell, 0));
+    }
   }
   return least;
 }
@@ -422,7 +433,10 @@ bool Reduction::State::look_again(std::vector<BrdfObservations>& extracted) {
     if (!tells_more_blocked(extracted[i], least)) continue;
     const ReducedShot& shot = shots[i];
     const auto radiances = merge_shot(shot.shot);
-    if (!radiances) continue;  // it was read well before: what was measured stands
+    if (!radiances) {
+      trouble = with_context("look again at shot " + shot.shot.name, radiances.error());
+      return found;
+    }
     const auto& [image, ambient] = *radiances;
     extracted[i] =
         observed(shot.shot.index, shot.strength, image, ambient ? &*ambient : nullptr, least);
@@ -466,6 +480,7 @@ CurvePoint Reduction::estimate() {
   return point;
 }
 
+const std::optional<Error>& Reduction::trouble() const { return state_->trouble; }
 const std::vector<BrdfObservations>& Reduction::observations() const {
   return state_->observations;
 }

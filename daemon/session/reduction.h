@@ -76,6 +76,9 @@ class Reduction {
   /// Fit over all fitted lights added so far. The held-out figure is there once a held-out light
   /// was added.
   CurvePoint estimate();
+  /// Why an estimate() could not look at a shot again whose pixels it doubted: a frame that was
+  /// read before cannot be any more. What it returned then stands on less than it should.
+  const std::optional<Error>& trouble() const;
 
   /// Observations added so far, in order of addition; refined by the last estimate() [refine.h].
   const std::vector<BrdfObservations>& observations() const;

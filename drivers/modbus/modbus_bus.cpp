@@ -6,6 +6,7 @@
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/file.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -188,15 +189,23 @@ Result<void> ModbusBus::ready(int unit) {
     if (auto done = connect(); !done) return done;
   if (out_of_step_)
     if (auto proved = prove_in_step(); !proved) return proved;
-  if (rtu_) {
-    // What is sent unasked for (an answer twice) must not be taken for the next answer: it follows
-    // within the silence that has to lie between frames anyway.
-    std::this_thread::sleep_until(last_heard_ + silence_);
-    modbus_flush(context_.get());
-  }
+  if (rtu_) clear_line();
   if (modbus_set_slave(context_.get(), unit) != 0)
     return fail(ErrorCode::invalid_input, fmt::format("{}: unit {} does not exist", name_, unit));
   return {};
+}
+
+// What is sent unasked for (an answer twice) must not be taken for the next answer. It begins
+// within the silence that has to lie between frames anyway; what has begun is heard to its end.
+void ModbusBus::clear_line() {
+  std::this_thread::sleep_until(last_heard_ + silence_);
+  const auto patience = std::chrono::steady_clock::now() + timeout_;
+  int waiting = 0;
+  while (ioctl(modbus_get_socket(context_.get()), FIONREAD, &waiting) == 0 && waiting > 0 &&
+         std::chrono::steady_clock::now() < patience) {
+    modbus_flush(context_.get());
+    std::this_thread::sleep_for(silence_);
+  }
 }
 
 // Silence first, so that whatever was late has come; then two reads whose answers differ in length.
@@ -209,9 +218,9 @@ Result<void> ModbusBus::prove_in_step() {
     out_of_step_ = false;
     if (proof_.count == 0) return {};  // nothing known to read: silence and an empty line must do
     if (modbus_set_slave(context_.get(), proof_.unit) != 0) break;
-    if (read_now(proof_.unit, proof_.table, proof_.address, 1) &&
-        read_now(proof_.unit, proof_.table, proof_.address, 2))
-      return {};
+    if (!read_now(proof_.unit, proof_.table, proof_.address, 1)) continue;
+    std::this_thread::sleep_for(silence_);  // and no flush: what lies there is what is to be found
+    if (read_now(proof_.unit, proof_.table, proof_.address, 2)) return {};
   }
   out_of_step_ = true;
   return fail(

@@ -66,6 +66,7 @@ class ModbusBus {
   ModbusBus(Endpoint endpoint, std::chrono::milliseconds timeout, Clock& clock);
   Result<void> connect();
   Result<void> ready(int unit);
+  void clear_line();
   Result<void> prove_in_step();
   Result<Values> read_now(int unit, RegisterTable table, int address, int count);
   Result<Values> write_now(int unit, RegisterTable table, int address, const Values& values,

@@ -156,7 +156,7 @@ TEST_F(Extract, LeavesOutWhatSomethingUnknownShadowsAndWhatIsBesideIt) {
     EXPECT_GT(black.telling_f, 1e-4);
     doubtful += black.telling_f <= 0.1 ? black.count : 0;
   }
-  EXPECT_EQ(doubtful, found.statistics.blocked);
+  EXPECT_GE(doubtful, found.statistics.blocked);  // all of a cell, where some of it are told
   options_.least_f = nullptr;
   const BrdfObservations believed = run(image);
   EXPECT_EQ(believed.statistics.blocked, 0);

@@ -124,6 +124,32 @@ TEST(Reduction, LeavesOutAShadowThatOnlyTheMaterialItselfTells) {
   }
 }
 
+// Darker than every material of the basis, with nothing before the lamp: black pixels are its own.
+TEST(Reduction, BelievesTheBlackOfADarkMaterial) {
+  const Recipe dark{{0.004, 0.004, 0.004}, 0.05, 0.2};
+  const Scratch scratch;
+  LittleLab lab(scratch.path());
+  lab.plan({1, 4, 7, 11, 14, 16});
+  Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, 1);
+  std::int64_t black = 0;
+  for (int i = 0; i < 5; ++i) {
+    ASSERT_TRUE(reduction.add(lab.capture(i, dark.reflectance(), {2e-4, 2e-3})));
+    for (const BlackSites& sites : reduction.observations().back().doubtful) black += sites.count;
+  }
+  EXPECT_GT(black, 500);
+  const auto share = [&] {
+    std::int64_t blocked = 0, sites = 0;
+    for (const BrdfObservations& light : reduction.observations()) {
+      blocked += light.statistics.blocked;
+      sites += light.statistics.sites;
+    }
+    return static_cast<double>(blocked) / static_cast<double>(sites);
+  };
+  const double before = share();
+  reduction.estimate();
+  EXPECT_LT(share(), before + 0.01);
+}
+
 TEST(Reduction, RefusesAFrameThatIsNotTheOneTheJournalNames) {
   const Scratch scratch;
   LittleLab lab(scratch.path());
