@@ -6,8 +6,6 @@
 #include <chrono>
 #include <cmath>
 #include <iterator>
-#include <limits>
-#include <numeric>
 #include <thread>
 #include <utility>
 
@@ -16,6 +14,7 @@
 #include "core/merge_hdr.h"
 #include "core/pixel_neighbours.h"
 #include "core/refine.h"
+#include "daemon/session/black_pixels.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/frame_file.h"
 #include "daemon/session/held_out.h"
@@ -97,99 +96,11 @@ Result<void> write_radiance(const std::filesystem::path& folder, const std::stri
   return write_durably(folder / (name + ".exr"), *bytes);
 }
 
-/// The least that any material of the basis shows in each cell, over its channels [1/sr]; 0 where
-/// none has a value.
-Eigen::ArrayXXd least_shown(const std::vector<Material>& materials, const BrdfBasis& basis) {
-  Eigen::ArrayXXd least = Eigen::ArrayXXd::Zero(basis.grid.cells(), 1);
-  for (int cell = 0; cell < basis.grid.cells() && !materials.empty(); ++cell) {
-    double f = std::numeric_limits<double>::infinity();
-    for (const Material& material : materials)
-      f = std::min(f, material.table.f.row(cell).minCoeff());
-    if (basis.valid[static_cast<std::size_t>(cell)] != 0 && std::isfinite(f)) least(cell, 0) = f;
-  }
-  return least;
-}
-
-/// Share of the lit pixels from which something is in the way: less may be the pose.
-constexpr double in_the_way = 0.01;
-
-double share_of_used(std::int64_t count, const ExtractionStatistics& s) {
-  const std::int64_t used =
-      s.sites - s.unlit - s.shadowed - s.grazing - s.invalid_cell - s.boundary - s.off_image;
-  return used > 0 ? static_cast<double>(count) / static_cast<double>(used) : 0;
-}
-
-double blocked_share(const ExtractionStatistics& s) { return share_of_used(s.blocked, s); }
-
-/// Whether a material that shows at least this much cannot have left some of the pixels black that
-/// were believed.
-bool tells_more_blocked(const BrdfObservations& light, const Eigen::ArrayXXd& least_f) {
-  return std::ranges::any_of(light.doubtful, [&](const BlackSites& black) {
-    const auto channel = std::min<Eigen::Index>(black.channel, least_f.cols() - 1);
-    return least_f(black.cell, channel) >= black.telling_f;
-  });
-}
-
-/// The light's observations with these rows, in their order; footprints go with theirs, which stand
-/// first and as before.
-BrdfObservations with_rows(const BrdfObservations& from, std::vector<BrdfObservation> rows,
-                           const std::vector<std::size_t>& kept) {
-  BrdfObservations all = from;
-  all.rows = std::move(rows);
-  std::vector<std::size_t> order = kept;
-  std::ranges::sort(
-      order, {}, [&](std::size_t i) { return std::pair(all.rows[i].channel, all.rows[i].cell); });
-  std::vector<std::int32_t> place(all.rows.size(), -1);
-  std::vector<BrdfObservation> sorted;
-  for (const std::size_t i : order) {
-    place[i] = static_cast<std::int32_t>(sorted.size());
-    sorted.push_back(all.rows[i]);
-  }
-  for (Footprint& footprint : all.footprints) {
-    footprint.row = place[static_cast<std::size_t>(footprint.row)];
-  }
-  std::erase_if(all.footprints, [](const Footprint& footprint) { return footprint.row < 0; });
-  all.rows = std::move(sorted);
-  return all;
-}
-
-/// Black rows as what they would be, were the material that dark.
-BrdfObservations with_black(const BrdfObservations& from) {
-  std::vector<BrdfObservation> rows = from.rows;
-  rows.insert(rows.end(), from.black.begin(), from.black.end());
-  std::vector<std::size_t> all(rows.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  return with_rows(from, std::move(rows), all);
-}
-
-/// Where something is in the way, dark pixels that might be in its shadow bound nothing.
-BrdfObservations without_dark(const BrdfObservations& from) {
-  std::vector<std::size_t> kept;
-  for (std::size_t i = 0; i < from.rows.size(); ++i) {
-    if (from.rows[i].kind != BrdfObservation::Kind::below) kept.push_back(i);
-  }
-  return with_rows(from, from.rows, kept);
-}
-
 /// A shot's radiance with the lamp and without.
 struct Radiances {
   RadianceImage image;
   std::optional<RadianceImage> ambient;
 };
-
-/// What stands before the lamp darkens some lights, a dark material all of them: where most lights
-/// are mostly black, black is what the material is.
-std::vector<BrdfObservations> believed_of(const std::vector<BrdfObservations>& measured) {
-  const auto mostly_black = std::ranges::count_if(
-      measured, [](const BrdfObservations& o) { return blocked_share(o.statistics) > 0.5; });
-  const bool dark_material = 2 * static_cast<std::size_t>(mostly_black) > measured.size();
-  std::vector<BrdfObservations> believed;
-  for (const BrdfObservations& one : measured) {
-    const bool blocked = blocked_share(one.statistics) > in_the_way;
-    believed.push_back(dark_material ? with_black(one) : blocked ? without_dark(one) : one);
-  }
-  return believed;
-}
 
 }  // namespace
 
@@ -226,8 +137,7 @@ struct Reduction::State {
                                        bool held_out) const;
   Result<Radiances> merge_shot(const CapturedShot& shot);
   std::size_t fit_to(const std::vector<BrdfObservations>& extracted);
-  Eigen::ArrayXXd surely_shown() const;
-  bool look_again(std::vector<BrdfObservations>& extracted);
+  void look_again(std::vector<BrdfObservations>& extracted);
 };
 
 // Reads and merges frames of one kind; the darks are read once, when first needed.
@@ -383,8 +293,8 @@ Result<void> Reduction::add(const CapturedShot& shot) {
 // Returns how many lights were fitted.
 std::size_t Reduction::State::fit_to(const std::vector<BrdfObservations>& extracted) {
   Stopwatch fitting("fit", cost);
-  const std::vector<BrdfObservations> believed = believed_of(extracted);
-  const std::vector<BrdfObservations> fitted = chosen(believed, false);
+  const std::vector<BrdfObservations> trusted = believed(extracted);
+  const std::vector<BrdfObservations> fitted = chosen(trusted, false);
   FitOptions fit_options;
   fit_options.estimator = spec->estimator;
   fit_options.model_sigma = expected_sigma;
@@ -394,7 +304,7 @@ std::size_t Reduction::State::fit_to(const std::vector<BrdfObservations>& extrac
   coefficients = std::move(adapted.coefficients);
   basis.model_sigma = adapted.model_sigma;
   for (std::size_t i = 0; i < extracted.size(); ++i) {
-    observations[i] = refined(believed[i], basis, azimuths, coefficients);
+    observations[i] = refined(trusted[i], basis, azimuths, coefficients);
     observations[i].footprints.clear();
   }
   fitting.stop();
@@ -403,46 +313,22 @@ std::size_t Reduction::State::fit_to(const std::vector<BrdfObservations>& extrac
   return fitted.size();
 }
 
-// What the material shows at the least: what the darkest of the basis does, and more where all
-// lights together tell so, three deviations below the estimate. What is not above the mapping's
-// floor there may be anything below it.
-Eigen::ArrayXXd Reduction::State::surely_shown() const {
-  const BrdfTable& brdf = reconstruction.brdf;
-  Eigen::ArrayXXd least = Eigen::ArrayXXd::Zero(brdf.f.rows(), brdf.f.cols());
-  for (Eigen::Index channel = 0; channel < least.cols(); ++channel) {
-    for (int cell = 0; cell < brdf.grid.cells(); ++cell) {
-      const double f = brdf.f(cell, channel);
-      if (std::isfinite(f)) {
-        const double low = unmap_value(
-            basis.mapping, cell,
-            map_value(basis.mapping, cell, f) - 3 * reconstruction.log_stddev(cell, channel));
-        if (low > basis.mapping.floor) least(cell, channel) = low;
-      }
-      least(cell, channel) = std::max(least(cell, channel), least_f(cell, 0));
-    }
-  }
-  return least;
-}
-
 // A bright material leaves no lit pixel black, but how bright it is only the fit tells: lights with
 // black pixels that the estimate rules out are extracted again.
-bool Reduction::State::look_again(std::vector<BrdfObservations>& extracted) {
-  const Eigen::ArrayXXd least = surely_shown();
-  bool found = false;
+void Reduction::State::look_again(std::vector<BrdfObservations>& extracted) {
+  const Eigen::ArrayXXd least = surely_shown(reconstruction, basis.mapping, least_f);
   for (std::size_t i = 0; i < extracted.size(); ++i) {
     if (!tells_more_blocked(extracted[i], least)) continue;
     const ReducedShot& shot = shots[i];
     const auto radiances = merge_shot(shot.shot);
     if (!radiances) {
       trouble = with_context("look again at shot " + shot.shot.name, radiances.error());
-      return found;
+      return;
     }
     const auto& [image, ambient] = *radiances;
     extracted[i] =
         observed(shot.shot.index, shot.strength, image, ambient ? &*ambient : nullptr, least);
-    found = true;
   }
-  return found;
 }
 
 CurvePoint Reduction::estimate() {

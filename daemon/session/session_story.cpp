@@ -7,6 +7,7 @@
 #include <set>
 #include <variant>
 
+#include "daemon/session/black_pixels.h"
 #include "daemon/session/held_out.h"
 
 namespace lightrig {
@@ -95,15 +96,13 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
   }
   for (const LightResult& light : result.lights) {
     const ExtractionStatistics& s = light.statistics;
-    const std::int64_t shown =
-        s.sites - s.unlit - s.shadowed - s.grazing - s.invalid_cell - s.boundary - s.off_image;
-    if (100 * s.blocked > shown) {
+    if (stands_in_the_way(s)) {
       lines.push_back(fmt::format(
           "{}: {} of {} lit pixels were as dark as without the lamp, where the darkest material of "
           "the basis, or this one as the other pixels tell it, would show: they are left out. Look "
-          "for what stands between lamp and sample. If nothing does, the sample is darker than all "
-          "of the basis: add dark materials to it.",
-          light.shot.name, s.blocked, shown));
+          "for what stands between lamp and sample. If nothing does, the sample is darker there "
+          "than the basis can say: add materials like it.",
+          light.shot.name, s.blocked, lit_sites(s)));
     }
     const std::int64_t used = light.rows_value + light.rows_censored;
     if (used > 0 && 10 * light.rows_censored > 3 * used) {

@@ -3,29 +3,21 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <cmath>
-#include <numeric>
 #include <random>
 #include <set>
 
-#include "core/builtin_materials.h"
-#include "core/check.h"
 #include "core/map_solver.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/plan_json.h"
 #include "daemon/session/plan_shots.h"
-#include "daemon/session/reduction.h"
 #include "daemon/session/replan.h"
-#include "tests/session/capture_fixture.h"
+#include "tests/session/replan_lab.h"
 
 namespace lightrig {
 namespace {
 
 namespace fs = std::filesystem;
 using testing::HasSubstr;
-
-const RigChange five_lights{"max_lights = 3", "max_lights = 5"};
 
 /// The plan of five lights, computed once.
 const Prepared& five_light_plan() {
@@ -37,21 +29,8 @@ const Prepared& five_light_plan() {
   return prepared;
 }
 
-constexpr double ball_radius = 0.035, ball_distance = 0.2;  // [m]
-
-/// Where a ball stands that takes a light from the object.
-Eigen::Vector3d ball_before(int shot) {
-  const LightPosition& light = five_light_plan().plan.shots[static_cast<std::size_t>(shot)].light;
-  return ball_distance * light.p.normalized();
-}
-
-/// Whether the camera sees the ball: then it takes more than light.
-bool in_view(const CameraModel& camera, const Eigen::Vector3d& ball) {
-  const Eigen::Vector3d seen = camera.camera_from_world * ball;
-  const double radius = camera.fx * ball_radius / seen.z();
-  const Eigen::Vector2d uv = project(camera, ball);
-  return seen.z() > 0 && uv.x() > -radius && uv.x() < camera.width + radius && uv.y() > -radius &&
-         uv.y() < camera.height + radius;
+Eigen::Vector3d ball_before_shot(int shot) {
+  return ball_before(five_light_plan().plan.shots[static_cast<std::size_t>(shot)].light);
 }
 
 /// The first fitted light of the way that a ball can take without standing in the camera's view.
@@ -61,24 +40,15 @@ int first_light() {
   const CameraModel camera = small_rig(scratch.path(), {five_lights}).camera.model;
   for (const int index : plan.visit_order) {
     const bool fitted = !plan.shots[static_cast<std::size_t>(index)].held_out;
-    if (fitted && !in_view(camera, ball_before(index))) return index;
+    if (fitted && !in_view(camera, ball_before_shot(index))) return index;
   }
   return -1;
 }
 
 /// A rig before whose first light a ball stands that nothing but the simulated laboratory knows.
-Rig blocked_rig(const fs::path& folder, bool replan,
-                const std::string& truth = "polystyrene-maroon") {
-  const Eigen::Vector3d at = ball_before(first_light());
-  return small_rig(folder, {five_lights,
-                            {"polystyrene-maroon", truth},
-                            {"ambient_w_per_m2_sr = 0.002",
-                             fmt::format("ambient_w_per_m2_sr = 0.002\nobstacle_m = [{}, {}, {}]\n"
-                                         "obstacle_radius_mm = {}",
-                                         at.x(), at.y(), at.z(), 1e3 * ball_radius)},
-                            {"held_out_lights = 1", fmt::format("held_out_lights = 1\nreplan = {}\n"
-                                                                "random_baseline = false",
-                                                                replan)}});
+Rig blocked_rig(const fs::path& folder, bool replan) {
+  const Eigen::Vector3d at = ball_before_shot(first_light());
+  return small_rig(folder, {five_lights, with_ball(at), with_replan(replan)});
 }
 
 /// As after a restart: the plan is what the folder says it has become.
@@ -98,12 +68,6 @@ SessionEnd capture_blocked(const SessionFolder& folder, const Rig& rig) {
   Prepared prepared = as_resumed(folder);
   return capture(folder, rig, spec_of(rig), prepared, laboratory.devices, *laboratory.clock,
                  control, {}, laboratory.reopen());
-}
-
-std::vector<JournalEvent> replans_of(const SessionFolder& folder) {
-  std::vector<JournalEvent> events = replay_journal(folder.journal()).value().events;
-  std::erase_if(events, [](const JournalEvent& event) { return event.event != "replanned"; });
-  return events;
 }
 
 std::string replans_text(const SessionFolder& folder) {
@@ -151,98 +115,6 @@ TEST_F(Replanning, AfterALightThatWasBlockedOthersAreTaken) {
     const auto index = captured.fields["index"].get<std::size_t>();
     EXPECT_EQ(captured.fields["candidate"], record.plan.shots[index].candidate);
   }
-}
-
-/// A plan of five lights whose basis lacks one family.
-struct WithoutFamily {
-  std::string family;
-  RigChange leave_out;
-  Prepared prepared;
-};
-
-WithoutFamily without_family(const std::string& family) {
-  const Scratch scratch;
-  WithoutFamily out{family,
-                    {"leave_out_families = [\"plastic\", \"metal\", \"metallic-paint\", "
-                     "\"powder\", \"retroreflector\", \"fabric\", \"stone\", \"wood\"]",
-                     fmt::format("leave_out_families = [\"{}\"]", family)},
-                    {}};
-  const Rig rig = small_rig(scratch.path(), {five_lights, out.leave_out});
-  out.prepared = prepare(rig, spec_of(rig)).value();
-  return out;
-}
-
-/// The true error of a whole session with a ball there, and how often it was planned anew.
-std::pair<double, std::size_t> error_behind(const Eigen::Vector3d& ball, const WithoutFamily& plan,
-                                            const std::string& truth, bool replan) {
-  const Scratch scratch;
-  const Rig rig = small_rig(
-      scratch.path(),
-      {five_lights,
-       plan.leave_out,
-       {"polystyrene-maroon", truth},
-       {"ambient_w_per_m2_sr = 0.002",
-        fmt::format("ambient_w_per_m2_sr = 0.002\nobstacle_m = [{}, {}, {}]\n"
-                    "obstacle_radius_mm = {}",
-                    ball.x(), ball.y(), ball.z(), 1e3 * ball_radius)},
-       {"held_out_lights = 1",
-        fmt::format("held_out_lights = 1\nreplan = {}\nrandom_baseline = false", replan)}});
-  const SessionFolder folder = create_session(rig, spec_of(rig), plan.prepared, "s").value();
-  Laboratory laboratory(rig);
-  SessionControl control;
-  Prepared prepared = plan.prepared;
-  CHECK(capture(folder, rig, spec_of(rig), prepared, laboratory.devices, *laboratory.clock, control,
-                {}, laboratory.reopen())
-            .outcome == SessionOutcome::done);
-  const auto summary = reduce_session(folder.root, "", 1);
-  CHECK(summary);
-  return {summary->true_error.percent_log, replans_of(folder).size()};
-}
-
-// What replanning is worth, over truths of families that the basis does not hold: no promise, hence
-// nothing that the suite runs; docs/planning.md states what it printed.
-TEST(ReplanningCampaign, DISABLED_OverFamiliesPrintsTheErrorWithAndWithoutIt) {
-  std::vector<double> ln_ratio, with, without;
-  std::set<std::string> families;
-  for (const BuiltinMaterial& material : builtin_materials()) families.emplace(material.family);
-  for (const std::string& family : families) {
-    const WithoutFamily plan = without_family(family);
-    std::vector<std::string> truths;
-    for (const BuiltinMaterial& material : builtin_materials())
-      if (material.family == family) truths.emplace_back(material.name);
-    const Scratch scratch;
-    const CameraModel camera = small_rig(scratch.path(), {five_lights}).camera.model;
-    for (const std::string& truth :
-         std::set<std::string>{truths.front(), truths[truths.size() / 2], truths.back()}) {
-      int places = 0;
-      for (const int index : plan.prepared.plan.visit_order) {
-        const Shot& shot = plan.prepared.plan.shots[static_cast<std::size_t>(index)];
-        const Eigen::Vector3d ball = ball_distance * shot.light.p.normalized();
-        if (shot.held_out || in_view(camera, ball) || ++places > 2) continue;
-        const auto [changed, changes] = error_behind(ball, plan, truth, true);
-        if (changes == 0) continue;
-        const auto [kept, none] = error_behind(ball, plan, truth, false);
-        fmt::print("{:16} {:24} {:6.2f} % as planned, {:6.2f} % replanned\n", family, truth, kept,
-                   changed);
-        ln_ratio.push_back(std::log(changed / kept));
-        with.push_back(changed);
-        without.push_back(kept);
-      }
-    }
-  }
-  ASSERT_GT(ln_ratio.size(), 1U);
-  const auto n = static_cast<double>(ln_ratio.size());
-  const auto mean = [&](const std::vector<double>& v) {
-    return std::accumulate(v.begin(), v.end(), 0.0) / n;
-  };
-  const double ln_mean = mean(ln_ratio);
-  double squares = 0;
-  for (const double r : ln_ratio) squares += (r - ln_mean) * (r - ln_mean);
-  fmt::print(
-      "replanned={} better={} mean_as_planned={:.2f} mean_replanned={:.2f} "
-      "geometric_mean_ratio={:.3f} standard_error={:.3f}\n",
-      n, std::ranges::count_if(ln_ratio, [](double r) { return r < 0; }), mean(without), mean(with),
-      std::exp(ln_mean), std::sqrt(squares / (n * (n - 1))));
 }
 
 TEST_F(Replanning, ASessionThatIsCutDecidesAsOneThatIsNot) {
