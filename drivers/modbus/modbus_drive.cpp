@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -28,7 +29,30 @@ RawRange range_of(RawType type) {
   return {0, 0};
 }
 
+bool is_set(const StatusBit& bit, std::uint16_t word) {
+  const bool one_bit = bit.table == RegisterTable::coil || bit.table == RegisterTable::discrete;
+  return (one_bit ? word : word & bit.mask) == bit.value;
+}
+
+/// Of one read request [Modbus application protocol 1.1b3, 6.1 and 6.3].
+constexpr int most_registers = 125;
+
 }  // namespace
+
+std::vector<RegisterSpan> joined(std::vector<RegisterSpan> spans) {
+  std::ranges::sort(spans, {}, [](const RegisterSpan& s) { return std::pair(s.table, s.address); });
+  std::vector<RegisterSpan> out;
+  for (const RegisterSpan& span : spans) {
+    const int end = span.address + span.count;
+    if (!out.empty() && out.back().table == span.table &&
+        span.address <= out.back().address + out.back().count &&
+        end - out.back().address <= most_registers)
+      out.back().count = std::max(out.back().count, end - out.back().address);
+    else
+      out.push_back(span);
+  }
+  return out;
+}
 
 Result<std::vector<std::uint16_t>> encode_raw(const RegisterItem& item, double raw) {
   const RawRange range = range_of(item.type);
@@ -175,23 +199,29 @@ Result<void> ModbusDriveDevice::run(const ProfileCommand& command, const DriveMo
   return end(command, until);
 }
 
-// A status look reads each register once, however many bits are in it.
-Result<bool> ModbusDriveDevice::bit(const StatusBit& bit, Seen& seen, const Until& until) {
-  const auto key = std::pair(bit.table, bit.address);
-  auto found = seen.find(key);
-  if (found == seen.end()) {
-    auto words = bus_.read(config_.unit, bit.table, bit.address, 1, until);
+Result<ModbusDriveDevice::Seen> ModbusDriveDevice::read_all(const std::vector<RegisterSpan>& spans,
+                                                            const Until& until) {
+  Seen seen;
+  for (const RegisterSpan& span : spans) {
+    if (!seen.empty()) keep_gap(until);
+    const auto words = bus_.read(config_.unit, span.table, span.address, span.count, until);
     if (!words) return tl::unexpected(words.error());
-    found = seen.emplace(key, words->front()).first;
-    keep_gap(until);
+    for (int i = 0; i < span.count; ++i)
+      seen[{span.table, span.address + i}] = (*words)[static_cast<std::size_t>(i)];
   }
-  const bool one_bit = bit.table == RegisterTable::coil || bit.table == RegisterTable::discrete;
-  return (one_bit ? found->second : found->second & bit.mask) == bit.value;
+  return seen;
 }
 
-Result<bool> ModbusDriveDevice::bit(const StatusBit& bit, const Until& until) {
-  Seen seen;
-  return this->bit(bit, seen, until);
+Result<std::vector<bool>> ModbusDriveDevice::bits(const std::vector<StatusBit>& wanted,
+                                                  const Until& until) {
+  std::vector<RegisterSpan> spans;
+  for (const StatusBit& bit : wanted) spans.push_back({bit.table, bit.address, 1});
+  const auto seen = read_all(joined(std::move(spans)), until);
+  if (!seen) return tl::unexpected(seen.error());
+  std::vector<bool> values;
+  for (const StatusBit& bit : wanted)
+    values.push_back(is_set(bit, seen->at({bit.table, bit.address})));
+  return values;
 }
 
 Result<std::string> ModbusDriveDevice::alarm_of(const Until& until) {
@@ -206,30 +236,30 @@ Result<std::string> ModbusDriveDevice::alarm_of(const Until& until) {
 }
 
 Result<DriveStatus> ModbusDriveDevice::status(const Until& until) {
-  Seen seen;
   DriveStatus status;
   bool alarm = false;
-  const auto look = [&](const std::optional<StatusBit>& which, bool& into) -> Result<void> {
-    if (!which) return {};
-    auto value = bit(*which, seen, until);
-    if (!value) return tl::unexpected(value.error());
-    into = *value;
-    return {};
+  const std::pair<const std::optional<StatusBit>*, bool*> wanted[] = {
+      {&profile_.moving, &status.moving}, {&profile_.in_position, &status.in_position},
+      {&profile_.ready, &status.ready},   {&profile_.enabled, &status.enabled},
+      {&profile_.homed, &status.homed},   {&profile_.alarm, &alarm},
+      {&profile_.e_stop, &status.e_stop},
   };
-  for (const auto& [which, into] :
-       {std::pair{&profile_.moving, &status.moving},
-        std::pair{&profile_.in_position, &status.in_position},
-        std::pair{&profile_.ready, &status.ready}, std::pair{&profile_.enabled, &status.enabled},
-        std::pair{&profile_.homed, &status.homed}, std::pair{&profile_.alarm, &alarm},
-        std::pair{&profile_.e_stop, &status.e_stop}})
-    if (auto done = look(*which, *into); !done) return tl::unexpected(done.error());
+  const RegisterItem& position = profile_.position;
+  std::vector<RegisterSpan> spans{{position.table, position.address, position.registers()}};
+  for (const auto& [which, into] : wanted)
+    if (*which) spans.push_back({(*which)->table, (*which)->address, 1});
+  const auto seen = read_all(joined(std::move(spans)), until);
+  if (!seen) return tl::unexpected(seen.error());
+  for (const auto& [which, into] : wanted)
+    if (*which) *into = is_set(**which, seen->at({(*which)->table, (*which)->address}));
   if (!profile_.moving) status.moving = !status.in_position;
   status.has_homed_bit = profile_.homed.has_value();
-  auto words = bus_.read(config_.unit, profile_.position.table, profile_.position.address,
-                         profile_.position.registers(), until);
-  if (!words) return tl::unexpected(with_context("read the position", words.error()));
-  status.position = config_.zero + decode(profile_.position, *words) / config_.counts_per_si;
+  std::vector<std::uint16_t> words;
+  for (int i = 0; i < position.registers(); ++i)
+    words.push_back(seen->at({position.table, position.address + i}));
+  status.position = config_.zero + decode(position, words) / config_.counts_per_si;
   if (alarm) {
+    keep_gap(until);
     auto text = alarm_of(until);
     status.alarm = text ? *text : fmt::format("axis {}: alarm", config_.axis);
   }

@@ -21,6 +21,17 @@ Result<std::vector<std::uint16_t>> encode(const RegisterItem& item, double value
 std::int64_t decode_raw(const RegisterItem& item, const std::vector<std::uint16_t>& registers);
 double decode(const RegisterItem& item, const std::vector<std::uint16_t>& registers);
 
+/// Registers, or bits, in a row.
+struct RegisterSpan {
+  RegisterTable table = RegisterTable::holding;
+  int address = 0, count = 1;
+};
+
+/// What covers these and nothing else by the fewest requests: a request costs a round trip, and
+/// what comes in one answer is of one moment. What does not touch is not joined: a drive may refuse
+/// to read the registers between.
+std::vector<RegisterSpan> joined(std::vector<RegisterSpan> spans);
+
 /// What a move asks of one drive.
 struct DriveMove {
   double position = 0;      ///< [rad] or [m]
@@ -52,7 +63,8 @@ class ModbusDriveDevice {
   Result<void> begin(const ProfileCommand& command, const DriveMove& move, const Until& until);
   Result<void> end(const ProfileCommand& command, const Until& until);
   Result<DriveStatus> status(const Until& until);
-  Result<bool> bit(const StatusBit& bit, const Until& until);
+  /// These bits, in their order.
+  Result<std::vector<bool>> bits(const std::vector<StatusBit>& wanted, const Until& until);
   Result<void> set_output(const ProfileOutput& output, double power, const Until& until);
   Result<double> read_output(const ProfileOutput& output, const Until& until);
 
@@ -61,7 +73,7 @@ class ModbusDriveDevice {
 
  private:
   using Seen = std::map<std::pair<RegisterTable, int>, std::uint16_t>;
-  Result<bool> bit(const StatusBit& bit, Seen& seen, const Until& until);
+  Result<Seen> read_all(const std::vector<RegisterSpan>& spans, const Until& until);
   Result<std::string> alarm_of(const Until& until);
   double value_of(const ProfileWrite& write, const DriveMove& move) const;
   Result<void> write_block(const ProfileCommand& command, const DriveMove& move,

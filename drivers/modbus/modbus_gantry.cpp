@@ -2,15 +2,19 @@
 #include "drivers/modbus/modbus_gantry.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 namespace lightrig {
 namespace {
 
 constexpr std::chrono::milliseconds poll_interval{20};
+/// In the middle of a long move, where nothing but an alarm can come.
+constexpr std::chrono::milliseconds slow_poll_interval{100};
 constexpr std::chrono::milliseconds farewell{1000};
 /// From being switched on, or from the end of a motion, until a drive says that it is ready: a
 /// brake has to open, a drive's own scan to come round.
@@ -57,15 +61,30 @@ Result<ModbusGantryDevice::Look> ModbusGantryDevice::look(const Until& until) {
     if (!one->alarm.empty()) status.alarm += (status.alarm.empty() ? "" : "; ") + one->alarm;
     if (one->e_stop) status.open_interlocks.push_back("emergency stop at axis " + drive.axis());
   }
+  const auto open = open_interlocks(until);
+  if (!open) return tl::unexpected(open.error());
+  std::ranges::copy(*open, std::back_inserter(status.open_interlocks));
+  if (motion_ == Motion::unknown && status.at_rest) motion_ = Motion::none;
+  return look;
+}
+
+Result<std::vector<std::string>> ModbusGantryDevice::open_interlocks(const Until& until) {
+  std::vector<std::string> names, open;
+  std::vector<StatusBit> wanted;
   for (const Interlock& interlock : interlocks_) {
     const auto input = controller_->profile.inputs.find(interlock.input);
     if (input == controller_->profile.inputs.end()) continue;  // config has refused such a rig
-    auto closed = controller_->drives.front().bit(input->second, until);
-    if (!closed) return tl::unexpected(with_context("interlock " + interlock.name, closed.error()));
-    if (!*closed) status.open_interlocks.push_back(interlock.name);
+    names.push_back(interlock.name);
+    wanted.push_back(input->second);
   }
-  if (motion_ == Motion::unknown && status.at_rest) motion_ = Motion::none;
-  return look;
+  if (wanted.empty()) return open;
+  const auto closed = controller_->drives.front().bits(wanted, until);
+  if (!closed)
+    return tl::unexpected(
+        with_context(fmt::format("interlock {}", fmt::join(names, ", ")), closed.error()));
+  for (std::size_t i = 0; i < names.size(); ++i)
+    if (!(*closed)[i]) open.push_back(names[i]);
+  return open;
 }
 
 Result<void> ModbusGantryDevice::require_able_to_move(const GantryStatus& status) const {
@@ -139,12 +158,21 @@ Result<void> ModbusGantryDevice::start(const ProfileCommand& command,
   return {};
 }
 
-// `target` null: homing, whose end is the homed state. The previous move's done bit cannot end this
+// `target` null: homing, whose end is the homed state. Looks seldom while much of `expected_s` is
+// left, and often about the end. The previous move's done bit cannot end this
 // one: moving must have been seen, or the profile's minimum delay have passed.
-Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target,
+Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target, double expected_s,
                                                   const Until& until) {
   const DoneRule& rule = controller_->profile.done;
-  const TimePoint earliest = clock_.now() + rule.minimum_delay;
+  const TimePoint begun = clock_.now(), earliest = begun + rule.minimum_delay;
+  const auto until_next_look = [&](bool busy) -> std::chrono::nanoseconds {
+    if (!busy) return poll_interval;
+    const std::chrono::duration<double> left =
+        std::chrono::duration<double>(expected_s) - (clock_.now() - begun);
+    return std::clamp<std::chrono::nanoseconds>(
+        std::chrono::duration_cast<std::chrono::nanoseconds>(left / 2), poll_interval,
+        slow_poll_interval);
+  };
   bool seen_busy = false;
   std::string last_seen = "the drives did not come to rest in time";
   for (;;) {
@@ -168,7 +196,7 @@ Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target,
     if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
     last_seen = where(*seen, target);
     if (clock_.now() >= until.deadline) return fail(ErrorCode::timed_out, last_seen);
-    clock_.sleep_until(clock_.now() + poll_interval, until.stop);
+    clock_.sleep_until(clock_.now() + until_next_look(!now.at_rest), until.stop);
   }
 }
 
@@ -205,7 +233,7 @@ Result<void> ModbusGantryDevice::home(const Until& until) {
   // guards it.
   homed_ = !controller_->profile.homed;
   Result<void> done = start(controller_->profile.home, none, until);
-  if (done) done = wait_for_arrival(nullptr, until);
+  if (done) done = wait_for_arrival(nullptr, 0, until);
   if (!done) {
     homed_ = false;
     tell_to_stop();
@@ -228,7 +256,8 @@ Result<void> ModbusGantryDevice::move_to(const GantryPosition& position, const U
   auto moves = coordinated(before->status.position, position);
   if (!moves) return tl::unexpected(moves.error());
   Result<void> done = start(controller_->profile.move, *moves, until);
-  if (done) done = wait_for_arrival(&position, until);
+  if (done)
+    done = wait_for_arrival(&position, move_time(model_, before->status.position, position), until);
   if (!done) {
     tell_to_stop();
     // A drive that refuses a command does not say why; its status does.

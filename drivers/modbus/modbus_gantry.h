@@ -56,7 +56,9 @@ class ModbusGantryDevice final : public Gantry {
                                              const GantryPosition& to) const;
   Result<void> start(const ProfileCommand& command, const std::vector<DriveMove>& moves,
                      const Until& until);
-  Result<void> wait_for_arrival(const GantryPosition* target, const Until& until);
+  Result<void> wait_for_arrival(const GantryPosition* target, double expected_s,
+                                const Until& until);
+  Result<std::vector<std::string>> open_interlocks(const Until& until);
   std::string where(const Look& seen, const GantryPosition* target) const;
   Result<void> require_able_to_move(const GantryStatus& status) const;
   void tell_to_stop();
