@@ -139,6 +139,14 @@ void check_modbus(const Section& gantry, const ControllerProfile* profile, Findi
                      fmt::format("[{}] lacks counts_per_rev: {} takes speeds in rpm of the motor",
                                  drive->path, profile->name));
     check_drive_limits(gantry, *drive, *profile, findings);
+    if (drive->given_key("device") && profile->watchdog && modbus.has("timeout_ms") &&
+        6 * modbus.integer("timeout_ms") >= profile->watchdog->timeout.count())
+      findings.error(
+          modbus.at("timeout_ms"),
+          fmt::format("a lost answer would set off the drives' watchdog of {} ms: on a serial line "
+                      "the wire is silent for three timeouts then, and the watchdog is fed at a "
+                      "third of its time; keep below a sixth of it",
+                      profile->watchdog->timeout.count()));
   }
 }
 

@@ -29,6 +29,8 @@ class BlockingLane {
       : name_(std::move(name)), thread_([this](const std::stop_token& stop) { work(stop); }) {}
   ~BlockingLane() {
     abandon_.request_stop();
+    const std::lock_guard lock(mutex_);
+    idle_abandon_.request_stop();
     thread_.request_stop();
   }
   BlockingLane(const BlockingLane&) = delete;
@@ -43,6 +45,7 @@ class BlockingLane {
     if (until.stop.stop_requested() || clock.now() >= until.deadline)
       return given_up(until, "had no time left before it began");
     std::unique_lock lock(mutex_);
+    idle_abandon_.request_stop();
     if (!woken_.wait_until(lock, until.stop, real_deadline, [&] { return !busy_; }))
       return given_up(until,
                       "is still inside an earlier call that does not return within its deadline");
@@ -63,9 +66,9 @@ class BlockingLane {
     return result;
   }
 
-  /// What the lane does by itself whenever nothing was asked of it for so long. Set once, before
-  /// the first call.
-  void when_idle(std::chrono::milliseconds every, std::function<void()> job) {
+  /// What the lane does by itself whenever nothing was asked of it for so long; its stop token ends
+  /// once a caller waits. Set once, before the first call.
+  void when_idle(std::chrono::milliseconds every, std::function<void(const std::stop_token&)> job) {
     const std::lock_guard lock(mutex_);
     idle_every_ = every;
     idle_ = std::move(job);
@@ -108,8 +111,10 @@ class BlockingLane {
 
   void run_idle(std::unique_lock<std::mutex>& lock) {
     busy_ = true;
+    idle_abandon_ = std::stop_source();
+    const std::stop_token abandon = idle_abandon_.get_token();
     lock.unlock();
-    idle_();
+    idle_(abandon);
     lock.lock();
     busy_ = false;
     woken_.notify_all();
@@ -122,9 +127,9 @@ class BlockingLane {
   std::uint64_t ticket_ = 0;
   Job job_;
   std::optional<Result<T>> result_;
-  std::stop_source abandon_;
+  std::stop_source abandon_, idle_abandon_;
   std::chrono::milliseconds idle_every_{0};
-  std::function<void()> idle_;
+  std::function<void(const std::stop_token&)> idle_;
   std::jthread thread_;  // last: it uses all of the above
 };
 

@@ -81,6 +81,12 @@ bool set_word(WireFault& fault, std::string_view name, std::string_view value) {
   if (name == "delay_ms") return span(fault.delay);
   if (name == "ms") return span(fault.duration);
   if (name == "count") return read_number(value, fault.count) && fault.count > 0;
+  if (name == "unit") {
+    int n = 0;
+    if (!read_number(value, n) || n < 0 || n > 255) return false;
+    fault.unit = n;
+    return true;
+  }
   if (name == "code") return read_number(value, fault.code) && fault.code >= 0;
   if (name == "degrees") return read_number(value, fault.degrees);
   if (name == "time") {
@@ -140,8 +146,8 @@ Result<WireFault> parse_wire_fault(std::string_view line) {
         !set_word(fault, word.substr(0, equals), word.substr(equals + 1)))
       return bad(fmt::format(
           "\"{}\" is not understood; a fault reads: EFFECT [wire=gantry|lamp|camera] "
-          "[request=N | motion=N | lit=N | time=S] [delay_ms=N] [count=N] [ms=N] [code=N] "
-          "[axis=NAME] [degrees=X]",
+          "[request=N | motion=N | lit=N | time=S] [delay_ms=N] [count=N] [unit=N] [ms=N] "
+          "[code=N] [axis=NAME] [degrees=X]",
           word));
   }
   if (first) return bad("an empty line is no fault");
@@ -247,11 +253,12 @@ void WireFaults::look() {
   }
 }
 
-std::optional<WireFault> WireFaults::take(Wire wire, bool answer) {
+std::optional<WireFault> WireFaults::take(Wire wire, bool answer, int unit) {
   const TimePoint now = world_->clock().now();
   for (auto one = waiting_.begin(); one != waiting_.end(); ++one) {
     if (!one->due || now < one->time || one->fault.wire != wire ||
-        strikes_drives(one->fault.effect) || spoils_answer(one->fault.effect) != answer)
+        strikes_drives(one->fault.effect) || spoils_answer(one->fault.effect) != answer ||
+        (answer && one->fault.unit && *one->fault.unit != unit))
       continue;
     say(*one);
     WireFault fault = one->fault;
@@ -261,17 +268,17 @@ std::optional<WireFault> WireFaults::take(Wire wire, bool answer) {
   return std::nullopt;
 }
 
-std::optional<WireFault> WireFaults::on_request(Wire wire) {
+std::optional<WireFault> WireFaults::on_request(Wire wire, int unit) {
   const std::lock_guard lock(mutex_);
   ++requests_[index_of(wire)];
   look();
-  return take(wire, true);
+  return take(wire, true, unit);
 }
 
 std::optional<WireFault> WireFaults::tick(Wire wire) {
   const std::lock_guard lock(mutex_);
   look();
-  return take(wire, false);
+  return take(wire, false, 0);
 }
 
 std::vector<std::string> WireFaults::struck() const {

@@ -64,6 +64,7 @@ struct WireFault {
   std::optional<double> time;            ///< [s]
   std::chrono::milliseconds delay{0};    ///< after that
   int count = 1;                         ///< answers in a row
+  std::optional<int> unit;               ///< Modbus: only answers of this unit
   std::chrono::milliseconds duration{500};
   int code = 0;        ///< of an exception (4 where 0) or an alarm
   std::string axis;    ///< for slip; "" the first
@@ -71,8 +72,8 @@ struct WireFault {
 };
 
 /// One fault as text: "EFFECT [wire=gantry|lamp|camera] [request=N | motion=N | lit=N | time=S]
-/// [delay_ms=N] [count=N] [ms=N] [code=N] [axis=NAME] [degrees=X]". Errors: invalid_input, with
-/// what would be right.
+/// [delay_ms=N] [count=N] [unit=N] [ms=N] [code=N] [axis=NAME] [degrees=X]". Errors:
+/// invalid_input, with what would be right.
 Result<WireFault> parse_wire_fault(std::string_view line);
 /// The faults of a simulated rig, scripted before and added at run time, shared by the far ends of
 /// all its wires. Safe to call from several threads.
@@ -83,8 +84,9 @@ class WireFaults {
   /// Errors: invalid_input when the rig has no such axis or interlock.
   Result<void> add(WireFault fault);
 
-  /// Counts a request on a wire, lets time pass, and says what becomes of its answer.
-  std::optional<WireFault> on_request(Wire wire);
+  /// Counts a request on a wire, to a unit where there are several, lets time pass, and says what
+  /// becomes of its answer.
+  std::optional<WireFault> on_request(Wire wire, int unit = 0);
   /// Lets time pass: what is due to the drives happens; what is due to the wire itself (closed,
   /// unplug, reboot, …) comes back, for the far end to carry out.
   std::optional<WireFault> tick(Wire wire);
@@ -105,7 +107,7 @@ class WireFaults {
   void look();
   void strike(const WireFault& fault);
   void say(Waiting& waiting);
-  std::optional<WireFault> take(Wire wire, bool answer);
+  std::optional<WireFault> take(Wire wire, bool answer, int unit);
 
   std::shared_ptr<World> world_;
   mutable std::mutex mutex_;

@@ -105,7 +105,35 @@ TimePoint World::seek_home() {
     home.axes[static_cast<Eigen::Index>(i)] = rig_.gantry.model.axes[i].home;
   }
   homed_from_ = dynamics_.move(clock_.now(), home, homing_speed_share);
+  seeking_.clear();
   return *homed_from_;
+}
+
+Result<TimePoint> World::start_axis_homing(std::size_t axis) {
+  const std::lock_guard lock(mutex_);
+  if (auto allowed = may_move(); !allowed) return tl::unexpected(allowed.error());
+  gantry_commanded();
+  const TimePoint now = clock_.now();
+  const bool homed = homed_at(now);
+  GantryPosition to{dynamics_.destination()};
+  to.axes[static_cast<Eigen::Index>(axis)] = rig_.gantry.model.axes[axis].home;
+  const TimePoint rest = dynamics_.move(now, to, homing_speed_share);
+  if (homed) return *(homed_from_ = rest);
+  // Those that are still on their way come to rest with this one.
+  for (auto& [other, until] : seeking_) until = until > now ? rest : until;
+  seeking_[axis] = rest;
+  if (seeking_.size() == rig_.gantry.model.axes.size())
+    homed_from_ = rest;
+  else
+    homed_from_.reset();
+  return rest;
+}
+
+bool World::axis_homed(std::size_t axis) const {
+  const std::lock_guard lock(mutex_);
+  const TimePoint now = clock_.now();
+  const auto own = seeking_.find(axis);
+  return homed_at(now) || (own != seeking_.end() && now >= own->second);
 }
 
 Result<TimePoint> World::start_move(const GantryPosition& to) {
@@ -140,10 +168,37 @@ void World::halt_gantry() {
 
 void World::halt_locked() {
   const TimePoint now = clock_.now();
-  if (homed_from_ && now < *homed_from_) homed_from_.reset();
+  forget_unfinished_homing(now);
   if (!dynamics_.at(now).moving) return;
   gantry_commanded();
   dynamics_.halt(now);
+}
+
+void World::forget_unfinished_homing(TimePoint now) {
+  if (homed_from_ && now < *homed_from_) homed_from_.reset();
+  if (!homed_from_) std::erase_if(seeking_, [&](const auto& one) { return now < one.second; });
+}
+
+// Those that go on slow down first and start again: the description of a motion is one of all axes.
+void World::halt_axis(std::size_t axis) {
+  const std::lock_guard lock(mutex_);
+  const TimePoint now = clock_.now();
+  const GantryMotionState motion = dynamics_.at(now);
+  if (!motion.moving) return;
+  GantryPosition to{dynamics_.destination()};
+  const auto row = static_cast<Eigen::Index>(axis);
+  double braking = 0;  // [s] of all of them together, as the dynamics have it
+  for (std::size_t i = 0; i < rig_.gantry.model.axes.size(); ++i) {
+    const double speed = std::abs(motion.velocity[static_cast<Eigen::Index>(i)]);
+    braking = std::max(braking, speed / rig_.gantry.model.axes[i].max_acceleration);
+  }
+  to.axes[row] = motion.position[row] + motion.velocity[row] * (braking / 2);
+  AxisValues left = to.axes - motion.position;
+  left[row] = 0;
+  if (left.cwiseAbs().maxCoeff() == 0) return halt_locked();
+  forget_unfinished_homing(now);
+  gantry_commanded();
+  dynamics_.move(now, to);
 }
 
 Result<void> World::clear_fault() {
@@ -160,6 +215,7 @@ void World::lose_position() {
   const std::lock_guard lock(mutex_);
   halt_locked();
   homed_from_.reset();
+  seeking_.clear();
 }
 
 GantryStatus World::gantry_status() const {

@@ -78,10 +78,15 @@ class World {
   /// One axis alone; the others keep their destination. A controller with a drive per axis commands
   /// them so.
   Result<TimePoint> start_axis_move(std::size_t axis, double to);
-  void halt_gantry();          ///< decelerates and holds
+  /// The same for homing: the gantry is homed once every axis is. When those told so far will rest.
+  Result<TimePoint> start_axis_homing(std::size_t axis);
+  void halt_gantry();  ///< decelerates and holds
+  /// One axis alone; the others go on to where they were going.
+  void halt_axis(std::size_t axis);
   Result<void> clear_fault();  ///< Refused while an interlock is open.
   void lose_position();        ///< the controller no longer knows where it is: home again
   GantryStatus gantry_status() const;
+  bool axis_homed(std::size_t axis) const;  ///< knows where it is, whatever the others do
 
   // --- lamp: a lease that goes dark by itself after max_on_time without renewal.
   Result<void> set_lamp(double power);  ///< Refused outside 0 … max_power.
@@ -122,6 +127,7 @@ class World {
   // With mutex_ held: what else has to hold at the same moment is looked at under the same lock.
   Result<TimePoint> start_move_locked(const GantryPosition& to);
   void halt_locked();
+  void forget_unfinished_homing(TimePoint now);
   LightPosition true_light(const GantryMotionState& motion) const;
   const Renderer& renderer_at(double turn);
   std::vector<std::uint64_t> position_words(const GantryPosition& drives) const;
@@ -138,6 +144,7 @@ class World {
   mutable std::mutex mutex_;  // guards the state of gantry and lamp, and the counters
   GantryDynamics dynamics_;
   std::optional<TimePoint> homed_from_;
+  std::map<std::size_t, TimePoint> seeking_;  ///< axes told to home by themselves, and until when
   std::string alarm_;
   std::set<std::string> open_interlocks_;
   double lamp_power_ = 0;

@@ -23,8 +23,8 @@ struct LampBank {
   Result<void> light(bool on, const Until& until) {
     std::vector<std::uint16_t> coils(lamps, 0);
     if (on) coils[chosen] = 1;
-    return bus->write(config.unit, RegisterTable::coil, config.coil.value_or(0), coils, true,
-                      until);
+    return bus->write(config.unit, RegisterTable::coil, config.coil.value_or(0), coils, true, until,
+                      on ? Delivery::in_step : Delivery::sent_first);
   }
   Result<std::vector<std::uint16_t>> read(const Until& until) {
     return bus->read(config.unit, RegisterTable::coil, config.coil.value_or(0),
@@ -112,7 +112,7 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const FixedLampsGantry&, Clock
   if (fixed == nullptr || wires == nullptr || !wires->coil)
     return fail(ErrorCode::invalid_input,
                 "fixed lamps need kinematics \"lamps\" and a [lamp.modbus] with a coil");
-  auto bus = ModbusBus::open(wires->endpoint, wires->timeout, clock);
+  auto bus = ModbusBus::open(wires->endpoint, wires->timeout, {}, clock);
   if (!bus) return tl::unexpected(bus.error());
   auto bank = std::make_shared<LampBank>(LampBank{*wires, fixed->lamps.size(), 0, std::move(*bus)});
   // Whatever an earlier program left burning goes dark now.

@@ -21,6 +21,8 @@ namespace {
 /// An RTU unit that answers later than this many timeouts is broken beyond what a bus can repair.
 constexpr int silence_in_timeouts = 3;
 constexpr int proofs_before_giving_up = 3;
+/// For the answer to what is sent at any rate: the next unit waits for its own.
+constexpr std::chrono::milliseconds short_patience{100};
 
 std::string name_of(const ModbusBus::Endpoint& endpoint) {
   if (const auto* tcp = std::get_if<TcpEndpoint>(&endpoint))
@@ -115,21 +117,22 @@ void ModbusBus::FreeContext::operator()(_modbus* context) const {
   modbus_free(context);
 }
 
-ModbusBus::ModbusBus(Endpoint endpoint, std::chrono::milliseconds timeout, Clock& clock)
+ModbusBus::ModbusBus(Endpoint endpoint, std::chrono::milliseconds timeout,
+                     std::chrono::milliseconds gap, Clock& clock)
     : endpoint_(std::move(endpoint)),
       timeout_(timeout),
       clock_(clock),
       name_(name_of(endpoint_)),
       rtu_(std::holds_alternative<SerialEndpoint>(endpoint_)),
-      silence_(silence_between_frames(endpoint_)),
+      silence_(std::max<std::chrono::microseconds>(silence_between_frames(endpoint_), gap)),
       lane_(name_) {}
 
 ModbusBus::~ModbusBus() = default;
 
 Result<std::unique_ptr<ModbusBus>> ModbusBus::open(const Endpoint& endpoint,
                                                    std::chrono::milliseconds timeout,
-                                                   Clock& clock) {
-  auto bus = std::unique_ptr<ModbusBus>(new ModbusBus(endpoint, timeout, clock));
+                                                   std::chrono::milliseconds gap, Clock& clock) {
+  auto bus = std::unique_ptr<ModbusBus>(new ModbusBus(endpoint, timeout, gap, clock));
   const Until until{clock.now() + 4 * timeout + std::chrono::seconds(1), {}};
   auto connected = bus->lane_.run(
       [raw = bus.get()](const std::stop_token&) -> Result<Values> {
@@ -159,10 +162,7 @@ Result<void> ModbusBus::connect() {
   context_.reset(new_context(endpoint_));
   if (!context_)
     return fail(ErrorCode::invalid_input, name_ + ": unusable address or serial settings");
-  const auto whole = std::chrono::duration_cast<std::chrono::seconds>(timeout_);
-  const auto rest = std::chrono::duration_cast<std::chrono::microseconds>(timeout_ - whole);
-  modbus_set_response_timeout(context_.get(), static_cast<std::uint32_t>(whole.count()),
-                              static_cast<std::uint32_t>(rest.count()));
+  set_patience(timeout_);
   modbus_set_error_recovery(context_.get(), MODBUS_ERROR_RECOVERY_NONE);
   if (modbus_connect(context_.get()) != 0) {
     auto failure = failed("connect", errno);
@@ -184,12 +184,19 @@ Result<void> ModbusBus::connect() {
   return {};
 }
 
-Result<void> ModbusBus::ready(int unit) {
+void ModbusBus::set_patience(std::chrono::milliseconds patience) {
+  const auto whole = std::chrono::duration_cast<std::chrono::seconds>(patience);
+  const auto rest = std::chrono::duration_cast<std::chrono::microseconds>(patience - whole);
+  modbus_set_response_timeout(context_.get(), static_cast<std::uint32_t>(whole.count()),
+                              static_cast<std::uint32_t>(rest.count()));
+}
+
+Result<void> ModbusBus::ready(int unit, const std::stop_token& stop) {
   if (!connected_)
     if (auto done = connect(); !done) return done;
   if (out_of_step_)
-    if (auto proved = prove_in_step(); !proved) return proved;
-  if (rtu_) clear_line();
+    if (auto proved = prove_in_step(unit, stop); !proved) return proved;
+  clear_line();
   if (modbus_set_slave(context_.get(), unit) != 0)
     return fail(ErrorCode::invalid_input, fmt::format("{}: unit {} does not exist", name_, unit));
   return {};
@@ -199,6 +206,7 @@ Result<void> ModbusBus::ready(int unit) {
 // within the silence that has to lie between frames anyway; what has begun is heard to its end.
 void ModbusBus::clear_line() {
   std::this_thread::sleep_until(last_heard_ + silence_);
+  if (!rtu_) return;
   const auto patience = std::chrono::steady_clock::now() + timeout_;
   int waiting = 0;
   while (ioctl(modbus_get_socket(context_.get()), FIONREAD, &waiting) == 0 && waiting > 0 &&
@@ -211,23 +219,29 @@ void ModbusBus::clear_line() {
 // Silence first, so that whatever was late has come; then two reads whose answers differ in length.
 // A reply from before, taken for the first answer, leaves the first answer to be taken for the
 // second, and its length gives it away.
-Result<void> ModbusBus::prove_in_step() {
+Result<void> ModbusBus::prove_in_step(int unit, const std::stop_token& stop) {
   for (int attempt = 0; attempt < proofs_before_giving_up; ++attempt) {
-    std::this_thread::sleep_for(silence_in_timeouts * timeout_);
+    const auto silent = std::chrono::steady_clock::now() + silence_in_timeouts * timeout_;
+    while (std::chrono::steady_clock::now() < silent) {
+      if (stop.stop_requested()) return fail(ErrorCode::stopped, name_ + ": stopped on request");
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
     modbus_flush(context_.get());
     out_of_step_ = false;
-    if (proof_.count == 0) return {};  // nothing known to read: silence and an empty line must do
-    if (modbus_set_slave(context_.get(), proof_.unit) != 0) break;
-    if (!read_now(proof_.unit, proof_.table, proof_.address, 1)) continue;
+    const auto known = proofs_.find(unit);
+    if (known == proofs_.end()) return {};  // nothing to read: silence and an empty line must do
+    const Place& proof = known->second;
+    if (modbus_set_slave(context_.get(), unit) != 0) break;
+    if (!read_now(unit, proof.table, proof.address, 1)) continue;
     std::this_thread::sleep_for(silence_);  // and no flush: what lies there is what is to be found
-    if (read_now(proof_.unit, proof_.table, proof_.address, 2)) return {};
+    if (read_now(unit, proof.table, proof.address, 2)) return {};
   }
   out_of_step_ = true;
   return fail(
       ErrorCode::disconnected,
-      fmt::format("{}: answers do not match requests any more; check wiring, termination and "
-                  "that no second master is on the bus",
-                  name_));
+      fmt::format("{}: answers of unit {} do not match requests any more; check its power, wiring, "
+                  "termination and that no second master is on the bus",
+                  name_, unit));
 }
 
 Result<ModbusBus::Values> ModbusBus::read_now(int unit, RegisterTable table, int address,
@@ -278,12 +292,31 @@ Result<ModbusBus::Values> ModbusBus::write_now(int unit, RegisterTable table, in
   return Values{};
 }
 
+// A failure to hear is no failure to be heard.
+Result<ModbusBus::Values> ModbusBus::send(int unit, RegisterTable table, int address,
+                                          const Values& values, bool multiple) {
+  if (!connected_)
+    if (auto done = connect(); !done) return tl::unexpected(done.error());
+  const bool doubtful = out_of_step_;
+  clear_line();
+  if (modbus_set_slave(context_.get(), unit) != 0)
+    return fail(ErrorCode::invalid_input, fmt::format("{}: unit {} does not exist", name_, unit));
+  if (rtu_) set_patience(std::min(timeout_, short_patience));
+  Result<Values> done = write_now(unit, table, address, values, multiple);
+  if (context_ && connected_) set_patience(timeout_);
+  out_of_step_ = out_of_step_ || doubtful;
+  return done;
+}
+
 void ModbusBus::keep_alive(std::vector<Place> places, std::chrono::milliseconds every) {
-  lane_.when_idle(every, [this, places = std::move(places)] {
+  lane_.when_idle(every, [this, places = std::move(places)](const std::stop_token& stop) {
     // A wire that broke or fell out of step is mended meanwhile: connecting and proving only read.
+    // A dead unit is given up as a call would give it up, and the others are fed; where that takes
+    // longer than their watchdogs' time, those end in what is safe.
     for (const Place& place : places) {
-      if (!ready(place.unit)) return;
-      (void)read_now(place.unit, place.table, place.address, place.count);
+      if (stop.stop_requested()) return;
+      if (ready(place.unit, stop))
+        (void)read_now(place.unit, place.table, place.address, place.count);
     }
   });
 }
@@ -292,11 +325,11 @@ Result<ModbusBus::Values> ModbusBus::read(int unit, RegisterTable table, int add
                                           const Until& until) {
   return lane_.run(
       [=, this](const std::stop_token& stop) -> Result<Values> {
-        if (auto up = ready(unit); !up) return tl::unexpected(up.error());
+        if (auto up = ready(unit, stop); !up) return tl::unexpected(up.error());
         if (stop.stop_requested()) return fail(ErrorCode::stopped, name_ + ": stopped on request");
         Result<Values> values = read_now(unit, table, address, count);
-        if (values && !is_bits(table) && proof_.count == 0 && count >= 2)
-          proof_ = {unit, table, address, count};
+        if (values && !is_bits(table) && count >= 2)
+          proofs_.try_emplace(unit, Place{unit, table, address, count});
         return values;
       },
       clock_, until);
@@ -304,10 +337,13 @@ Result<ModbusBus::Values> ModbusBus::read(int unit, RegisterTable table, int add
 
 Result<void> ModbusBus::write(int unit, RegisterTable table, int address,
                               const std::vector<std::uint16_t>& values, bool multiple,
-                              const Until& until) {
+                              const Until& until, Delivery delivery) {
   auto done = lane_.run(
       [=, this](const std::stop_token& stop) -> Result<Values> {
-        if (auto up = ready(unit); !up) return tl::unexpected(up.error());
+        if (delivery == Delivery::sent_only) return send(unit, table, address, values, multiple);
+        if (delivery == Delivery::sent_first && out_of_step_)
+          (void)send(unit, table, address, values, multiple);
+        if (auto up = ready(unit, stop); !up) return tl::unexpected(up.error());
         // Between being asked and being able to write, the caller may have given up: then nothing
         // may be written.
         if (stop.stop_requested()) return fail(ErrorCode::stopped, name_ + ": stopped on request");

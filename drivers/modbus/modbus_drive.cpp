@@ -81,9 +81,70 @@ double decode(const RegisterItem& item, const std::vector<std::uint16_t>& regist
   return value_of_raw(item, decode_raw(item, registers));
 }
 
-void ModbusDriveDevice::keep_gap(const Until& until) {
-  if (profile_.frame_gap.count() > 0)
-    clock_.sleep_until(clock_.now() + profile_.frame_gap, until.stop);
+namespace {
+
+double value_of(const ModbusDrive& config, const ProfileWrite& write, const DriveMove& move) {
+  const double counts_per_si = config.counts_per_si;
+  const double magnitude = std::abs(counts_per_si);
+  double counts = 0;
+  switch (write.quantity) {
+    case Quantity::constant:
+      return static_cast<double>(write.constant);
+    case Quantity::position:
+      return (move.position - config.zero) * counts_per_si;
+    case Quantity::speed:
+      counts = move.speed * magnitude;
+      break;
+    case Quantity::acceleration:
+    case Quantity::deceleration:
+      counts = move.acceleration * magnitude;
+      break;
+  }
+  switch (write.item.unit) {
+    case RawUnit::rpm:
+      return counts / config.counts_per_rev * 60;
+    case RawUnit::ms_per_1000_rpm:
+      // [ms] in which the motor gains 1000 rpm.
+      return 1000 * (1000.0 / 60 * config.counts_per_rev) / counts;
+    default:
+      return counts;
+  }
+}
+
+Result<std::vector<std::uint16_t>> words_of(const ModbusDrive& config, const ProfileWrite& write,
+                                            const DriveMove& move) {
+  const RegisterItem& item = write.item;
+  const double value = value_of(config, write, move);
+  switch (write.quantity) {
+    case Quantity::constant:
+      return encode_raw(item, value);
+    case Quantity::position:
+      return encode(item, value);
+    case Quantity::speed:
+    case Quantity::acceleration:
+    case Quantity::deceleration:
+      break;
+  }
+  const RawRange range = range_of(item.type);
+  return encode_raw(
+      item, std::clamp(value * item.scale + item.offset, std::max(1.0, range.least), range.most));
+}
+
+}  // namespace
+
+Result<std::vector<RegisterWrite>> composed(const ModbusDrive& config,
+                                            const ProfileCommand& command, const DriveMove& move) {
+  std::vector<RegisterWrite> writes;
+  for (const ProfileWrite& write : command.writes) {
+    auto words = words_of(config, write, move);
+    if (!words) return tl::unexpected(words.error());
+    const RegisterItem& item = write.item;
+    if (command.block && !writes.empty())
+      writes.front().words.insert(writes.front().words.end(), words->begin(), words->end());
+    else
+      writes.push_back({item.table, item.address, *words, command.block || words->size() > 1});
+  }
+  return writes;
 }
 
 Result<void> ModbusDriveDevice::prepare(const Until& until) {
@@ -115,84 +176,38 @@ Result<void> ModbusDriveDevice::prepare(const Until& until) {
   return {};
 }
 
-double ModbusDriveDevice::value_of(const ProfileWrite& write, const DriveMove& move) const {
-  const double counts_per_si = config_.counts_per_si;
-  const double magnitude = std::abs(counts_per_si);
-  double counts = 0;
-  switch (write.quantity) {
-    case Quantity::constant:
-      return static_cast<double>(write.constant);
-    case Quantity::position:
-      return (move.position - config_.zero) * counts_per_si;
-    case Quantity::speed:
-      counts = move.speed * magnitude;
-      break;
-    case Quantity::acceleration:
-    case Quantity::deceleration:
-      counts = move.acceleration * magnitude;
-      break;
-  }
-  switch (write.item.unit) {
-    case RawUnit::rpm:
-      return counts / config_.counts_per_rev * 60;
-    case RawUnit::ms_per_1000_rpm:
-      // [ms] in which the motor gains 1000 rpm.
-      return 1000 * (1000.0 / 60 * config_.counts_per_rev) / counts;
-    default:
-      return counts;
-  }
+Result<void> ModbusDriveDevice::put(const Trigger& trigger, std::int64_t value, const Until& until,
+                                    Delivery delivery) {
+  return bus_.write(config_.unit, trigger.table, trigger.address,
+                    {static_cast<std::uint16_t>(value)}, false, until, delivery);
 }
 
-Result<void> ModbusDriveDevice::write_block(const ProfileCommand& command, const DriveMove& move,
-                                            const Until& until) {
-  if (command.writes.empty()) return {};
-  std::vector<std::uint16_t> words;
-  for (const ProfileWrite& write : command.writes) {
-    auto encoded = write.quantity == Quantity::constant
-                       ? encode_raw(write.item, value_of(write, move))
-                       : encode(write.item, value_of(write, move));
-    if (!encoded) return tl::unexpected(encoded.error());
-    if (command.block) {
-      words.insert(words.end(), encoded->begin(), encoded->end());
-      continue;
-    }
-    if (auto done = bus_.write(config_.unit, write.item.table, write.item.address, *encoded,
-                               encoded->size() > 1, until);
+Result<void> ModbusDriveDevice::begin(const ProfileCommand& command,
+                                      const std::vector<RegisterWrite>& writes, const Until& until,
+                                      Delivery delivery) {
+  for (const RegisterWrite& write : writes)
+    if (auto done = bus_.write(config_.unit, write.table, write.address, write.words,
+                               write.multiple, until, delivery);
         !done)
       return done;
-    keep_gap(until);
-  }
-  if (!command.block) return {};
-  const RegisterItem& first = command.writes.front().item;
-  return bus_.write(config_.unit, first.table, first.address, words, true, until);
-}
-
-Result<void> ModbusDriveDevice::put(const Trigger& trigger, std::int64_t value,
-                                    const Until& until) {
-  keep_gap(until);
-  return bus_.write(config_.unit, trigger.table, trigger.address,
-                    {static_cast<std::uint16_t>(value)}, false, until);
-}
-
-Result<void> ModbusDriveDevice::begin(const ProfileCommand& command, const DriveMove& move,
-                                      const Until& until) {
-  if (auto written = write_block(command, move, until); !written) return written;
   const Trigger& trigger = command.trigger;
   if (trigger.style == TriggerStyle::implicit) return {};
   if (trigger.style == TriggerStyle::edge)
-    if (auto done = put(trigger, trigger.clear, until); !done) return done;
-  return put(trigger, trigger.set, until);
+    if (auto done = put(trigger, trigger.clear, until, delivery); !done) return done;
+  return put(trigger, trigger.set, until, delivery);
 }
 
-Result<void> ModbusDriveDevice::end(const ProfileCommand& command, const Until& until) {
+Result<void> ModbusDriveDevice::end(const ProfileCommand& command, const Until& until,
+                                    Delivery delivery) {
   const TriggerStyle style = command.trigger.style;
   if (style == TriggerStyle::implicit || style == TriggerStyle::value) return {};
-  return put(command.trigger, command.trigger.clear, until);
+  return put(command.trigger, command.trigger.clear, until, delivery);
 }
 
-Result<void> ModbusDriveDevice::run(const ProfileCommand& command, const DriveMove& move,
-                                    const Until& until) {
-  if (auto begun = begin(command, move, until); !begun) return begun;
+Result<void> ModbusDriveDevice::run(const ProfileCommand& command, const Until& until) {
+  const auto writes = composed(config_, command, {});
+  if (!writes) return tl::unexpected(writes.error());
+  if (auto begun = begin(command, *writes, until); !begun) return begun;
   if (command.trigger.style != TriggerStyle::implicit &&
       command.trigger.style != TriggerStyle::value)
     clock_.sleep_until(clock_.now() + command.trigger.pulse, until.stop);
@@ -203,7 +218,6 @@ Result<ModbusDriveDevice::Seen> ModbusDriveDevice::read_all(const std::vector<Re
                                                             const Until& until) {
   Seen seen;
   for (const RegisterSpan& span : spans) {
-    if (!seen.empty()) keep_gap(until);
     const auto words = bus_.read(config_.unit, span.table, span.address, span.count, until);
     if (!words) return tl::unexpected(words.error());
     for (int i = 0; i < span.count; ++i)
@@ -259,7 +273,6 @@ Result<DriveStatus> ModbusDriveDevice::status(const Until& until) {
     words.push_back(seen->at({position.table, position.address + i}));
   status.position = config_.zero + decode(position, words) / config_.counts_per_si;
   if (alarm) {
-    keep_gap(until);
     auto text = alarm_of(until);
     status.alarm = text ? *text : fmt::format("axis {}: alarm", config_.axis);
   }
@@ -271,7 +284,8 @@ Result<void> ModbusDriveDevice::set_output(const ProfileOutput& output, double p
   const double raw = output.dimmable ? output.off + power * (output.on - output.off)
                                      : (power > 0 ? output.on : output.off);
   return bus_.write(config_.unit, output.table, output.address,
-                    {static_cast<std::uint16_t>(std::lround(raw))}, false, until);
+                    {static_cast<std::uint16_t>(std::lround(raw))}, false, until,
+                    power > 0 ? Delivery::in_step : Delivery::sent_first);
 }
 
 Result<double> ModbusDriveDevice::read_output(const ProfileOutput& output, const Until& until) {

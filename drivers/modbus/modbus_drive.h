@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -32,12 +33,27 @@ struct RegisterSpan {
 /// to read the registers between.
 std::vector<RegisterSpan> joined(std::vector<RegisterSpan> spans);
 
+/// Words for registers in a row.
+struct RegisterWrite {
+  RegisterTable table = RegisterTable::holding;
+  int address = 0;
+  std::vector<std::uint16_t> words;
+  bool multiple = false;  ///< by FC15/FC16 although it is one
+};
+
 /// What a move asks of one drive.
 struct DriveMove {
   double position = 0;      ///< [rad] or [m]
   double speed = 0;         ///< [rad/s] or [m/s]
   double acceleration = 0;  ///< [rad/s²] or [m/s²]
 };
+
+/// The words that a command writes before its trigger, block by block. A speed or acceleration is
+/// at least one of the register's units and at most what it holds: 0 would be no move, and a slow
+/// axis beside a fast one may need less than a register can say. Errors: invalid_input where a
+/// position does not fit.
+Result<std::vector<RegisterWrite>> composed(const ModbusDrive& config,
+                                            const ProfileCommand& command, const DriveMove& move);
 
 /// What a drive says of itself, in one look; what its profile has no bit for is as it stands here.
 struct DriveStatus {
@@ -58,28 +74,32 @@ class ModbusDriveDevice {
   /// Proves that the profile fits (known register) and writes the drive's watchdog, then reads it
   /// back.
   Result<void> prepare(const Until& until);
-  Result<void> run(const ProfileCommand& command, const DriveMove& move, const Until& until);
+  Result<void> run(const ProfileCommand& command, const Until& until);
   /// The same in two parts: until the trigger is set, and its clearing after the pulse.
-  Result<void> begin(const ProfileCommand& command, const DriveMove& move, const Until& until);
-  Result<void> end(const ProfileCommand& command, const Until& until);
+  Result<void> begin(const ProfileCommand& command, const std::vector<RegisterWrite>& writes,
+                     const Until& until, Delivery delivery = Delivery::in_step);
+  Result<void> end(const ProfileCommand& command, const Until& until,
+                   Delivery delivery = Delivery::in_step);
   Result<DriveStatus> status(const Until& until);
   /// These bits, in their order.
   Result<std::vector<bool>> bits(const std::vector<StatusBit>& wanted, const Until& until);
+  /// Off goes out at once, whatever state the wire is in.
   Result<void> set_output(const ProfileOutput& output, double power, const Until& until);
   Result<double> read_output(const ProfileOutput& output, const Until& until);
 
   const ControllerProfile& profile() const { return profile_; }
+  const ModbusDrive& config() const { return config_; }
   const std::string& axis() const { return config_.axis; }
+  /// Of one count of the drive [rad] or [m].
+  double resolution() const { return 1 / std::abs(config_.counts_per_si); }
+  const ModbusBus* bus() const { return &bus_; }
 
  private:
   using Seen = std::map<std::pair<RegisterTable, int>, std::uint16_t>;
   Result<Seen> read_all(const std::vector<RegisterSpan>& spans, const Until& until);
   Result<std::string> alarm_of(const Until& until);
-  double value_of(const ProfileWrite& write, const DriveMove& move) const;
-  Result<void> write_block(const ProfileCommand& command, const DriveMove& move,
-                           const Until& until);
-  Result<void> put(const Trigger& trigger, std::int64_t value, const Until& until);
-  void keep_gap(const Until& until);
+  Result<void> put(const Trigger& trigger, std::int64_t value, const Until& until,
+                   Delivery delivery);
 
   const ControllerProfile& profile_;
   const ModbusDrive config_;

@@ -8,6 +8,11 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <map>
+#include <optional>
+#include <thread>
+
+#include "drivers/progress_watch.h"
 
 namespace lightrig {
 namespace {
@@ -16,23 +21,37 @@ constexpr std::chrono::milliseconds poll_interval{20};
 /// In the middle of a long move, where nothing but an alarm can come.
 constexpr std::chrono::milliseconds slow_poll_interval{100};
 constexpr std::chrono::milliseconds farewell{1000};
+/// Besides the profile's minimum delay: brakes, ramps.
+constexpr std::chrono::milliseconds stall_patience{2000};
 /// From being switched on, or from the end of a motion, until a drive says that it is ready: a
 /// brake has to open, a drive's own scan to come round.
 constexpr std::chrono::milliseconds ready_patience{2000};
 
 }  // namespace
 
+// The stop is sent to every drive, whatever becomes of the others and whatever state its wire is
+// in, with a deadline of its own, after any stop request. Each wire is told by a thread of its own:
+// a host that does not answer keeps no other's drives moving.
 void ModbusGantryDevice::tell_to_stop() {
   if (motion_ == Motion::none) return;
-  // The stop is sent to every drive, whatever becomes of the others: with a deadline of its own,
-  // after any stop request. All drives are told before the first pulse ends.
+  std::map<const ModbusBus*, std::vector<ModbusDriveDevice*>> wires;
+  for (ModbusDriveDevice& drive : controller_->drives) wires[drive.bus()].push_back(&drive);
+  std::vector<std::jthread> telling;
+  for (const auto& [bus, drives] : wires)
+    telling.emplace_back([this, &drives = drives] { tell_to_stop(drives); });
+}
+
+void ModbusGantryDevice::tell_to_stop(const std::vector<ModbusDriveDevice*>& drives) const {
   const ProfileCommand& stop = controller_->profile.stop;
   const auto told = [&] { return Until{clock_.now() + farewell, {}}; };
-  for (ModbusDriveDevice& drive : controller_->drives) (void)drive.begin(stop, {}, told());
+  // All are told before the first pulse ends.
+  for (ModbusDriveDevice* drive : drives)
+    if (const auto writes = composed(drive->config(), stop, {}))
+      (void)drive->begin(stop, *writes, told(), Delivery::sent_only);
   if (stop.trigger.style == TriggerStyle::implicit || stop.trigger.style == TriggerStyle::value)
     return;
   clock_.sleep_until(clock_.now() + stop.trigger.pulse, {});
-  for (ModbusDriveDevice& drive : controller_->drives) (void)drive.end(stop, told());
+  for (ModbusDriveDevice* drive : drives) (void)drive->end(stop, told(), Delivery::sent_only);
 }
 
 Result<GantryStatus> ModbusGantryDevice::status(const Until& until) {
@@ -115,40 +134,50 @@ Result<void> ModbusGantryDevice::wait_until_ready(const Until& until) {
 }
 
 // All axes follow one profile s(t) from 0 to 1, whose speed and acceleration are what the slowest
-// axis allows: they leave and arrive together, and none exceeds its limit.
-Result<std::vector<DriveMove>> ModbusGantryDevice::coordinated(const GantryPosition& from,
-                                                               const GantryPosition& to) const {
+// axis allows: they leave and arrive together, and none exceeds its limit. An axis that is less
+// than a count from its target stays: what it lacks is rounding.
+std::vector<DriveMove> ModbusGantryDevice::coordinated(const GantryPosition& from,
+                                                       const GantryPosition& to) const {
   double speed = std::numeric_limits<double>::infinity();
   double acceleration = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < model_.axes.size(); ++i) {
+  const auto travel_of = [&](std::size_t i) {
     const auto row = static_cast<Eigen::Index>(i);
     const double travel = std::abs(to.axes[row] - from.axes[row]);
-    if (travel < 1e-12) continue;
+    return travel < controller_->drives[i].resolution() ? 0.0 : travel;
+  };
+  for (std::size_t i = 0; i < model_.axes.size(); ++i) {
+    const double travel = travel_of(i);
+    if (travel == 0) continue;
     speed = std::min(speed, model_.axes[i].max_speed / travel);
     acceleration = std::min(acceleration, model_.axes[i].max_acceleration / travel);
   }
   std::vector<DriveMove> moves;
   for (std::size_t i = 0; i < model_.axes.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    const double travel = std::abs(to.axes[row] - from.axes[row]);
-    const bool still = travel < 1e-12;
-    moves.push_back({to.axes[row], still ? model_.axes[i].max_speed : speed * travel,
-                     still ? model_.axes[i].max_acceleration : acceleration * travel});
+    const double travel = travel_of(i), target = to.axes[static_cast<Eigen::Index>(i)];
+    moves.push_back({target, travel == 0 ? model_.axes[i].max_speed : speed * travel,
+                     travel == 0 ? model_.axes[i].max_acceleration : acceleration * travel});
   }
   return moves;
 }
 
 Result<void> ModbusGantryDevice::start(const ProfileCommand& command,
                                        const std::vector<DriveMove>& moves, const Until& until) {
-  // From the first byte on: a write that failed may still have been obeyed.
-  motion_ = Motion::started;
   std::vector<ModbusDriveDevice>& drives = controller_->drives;
   const auto failed = [&](std::size_t i, const Error& error) {
     return tl::unexpected(with_context("axis " + drives[i].axis(), error));
   };
+  // What one drive cannot be told none is told.
+  std::vector<std::vector<RegisterWrite>> writes;
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    auto words = composed(drives[i].config(), command, moves[i]);
+    if (!words) return failed(i, words.error());
+    writes.push_back(std::move(*words));
+  }
+  // From the first byte on: a write that failed may still have been obeyed.
+  motion_ = Motion::started;
   // All are set going before the first pulse ends, so that they arrive together too.
   for (std::size_t i = 0; i < drives.size(); ++i)
-    if (auto begun = drives[i].begin(command, moves[i], until); !begun)
+    if (auto begun = drives[i].begin(command, writes[i], until); !begun)
       return failed(i, begun.error());
   const TriggerStyle style = command.trigger.style;
   if (style == TriggerStyle::implicit || style == TriggerStyle::value) return {};
@@ -158,13 +187,17 @@ Result<void> ModbusGantryDevice::start(const ProfileCommand& command,
   return {};
 }
 
-// `target` null: homing, whose end is the homed state. Looks seldom while much of `expected_s` is
-// left, and often about the end. The previous move's done bit cannot end this
-// one: moving must have been seen, or the profile's minimum delay have passed.
-Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target, double expected_s,
+// `target` null: homing, whose end is the homed state. The previous move's done bit cannot end this
+// one: moving must have been seen, or the profile's minimum delay have passed. Looks seldom while
+// much of the way is left, and often about its end.
+Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition& before,
+                                                  const GantryPosition* target,
                                                   const Until& until) {
   const DoneRule& rule = controller_->profile.done;
   const TimePoint begun = clock_.now(), earliest = begun + rule.minimum_delay;
+  std::optional<ProgressWatch> progress;
+  if (target) progress.emplace(model_, before, *target, begun, stall_patience + rule.minimum_delay);
+  const double expected_s = target ? move_time(model_, before, *target) : 0;
   const auto until_next_look = [&](bool busy) -> std::chrono::nanoseconds {
     if (!busy) return poll_interval;
     const std::chrono::duration<double> left =
@@ -195,6 +228,9 @@ Result<void> ModbusGantryDevice::wait_for_arrival(const GantryPosition* target, 
     }
     if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
     last_seen = where(*seen, target);
+    if (progress)
+      if (auto on_the_way = progress->see(now.position, clock_.now()); !on_the_way)
+        return tl::unexpected(with_context(last_seen, on_the_way.error()));
     if (clock_.now() >= until.deadline) return fail(ErrorCode::timed_out, last_seen);
     clock_.sleep_until(clock_.now() + until_next_look(!now.at_rest), until.stop);
   }
@@ -225,7 +261,7 @@ Result<void> ModbusGantryDevice::home(const Until& until) {
       return tl::unexpected(with_context("home, axis " + drive.axis(), ready.error()));
   if (controller_->profile.enable)
     for (ModbusDriveDevice& drive : controller_->drives)
-      if (auto on = drive.run(*controller_->profile.enable, {}, until); !on)
+      if (auto on = drive.run(*controller_->profile.enable, until); !on)
         return tl::unexpected(with_context("enable axis " + drive.axis(), on.error()));
   if (auto ready = wait_until_ready(until); !ready)
     return tl::unexpected(with_context("home", ready.error()));
@@ -233,7 +269,7 @@ Result<void> ModbusGantryDevice::home(const Until& until) {
   // guards it.
   homed_ = !controller_->profile.homed;
   Result<void> done = start(controller_->profile.home, none, until);
-  if (done) done = wait_for_arrival(nullptr, 0, until);
+  if (done) done = wait_for_arrival(before->position, nullptr, until);
   if (!done) {
     homed_ = false;
     tell_to_stop();
@@ -253,11 +289,9 @@ Result<void> ModbusGantryDevice::move_to(const GantryPosition& position, const U
   if (!before->status.homed) return fail(ErrorCode::refused, "not homed: home first");
   if (!before->not_ready.empty())
     if (auto ready = wait_until_ready(until); !ready) return ready;
-  auto moves = coordinated(before->status.position, position);
-  if (!moves) return tl::unexpected(moves.error());
-  Result<void> done = start(controller_->profile.move, *moves, until);
-  if (done)
-    done = wait_for_arrival(&position, move_time(model_, before->status.position, position), until);
+  const auto moves = coordinated(before->status.position, position);
+  Result<void> done = start(controller_->profile.move, moves, until);
+  if (done) done = wait_for_arrival(before->status.position, &position, until);
   if (!done) {
     tell_to_stop();
     // A drive that refuses a command does not say why; its status does.
@@ -274,7 +308,7 @@ Result<void> ModbusGantryDevice::move_to(const GantryPosition& position, const U
 Result<void> ModbusGantryDevice::clear_fault(const Until& until) {
   if (!controller_->profile.reset_alarm) return {};
   for (ModbusDriveDevice& drive : controller_->drives)
-    if (auto done = drive.run(*controller_->profile.reset_alarm, {}, until); !done)
+    if (auto done = drive.run(*controller_->profile.reset_alarm, until); !done)
       return tl::unexpected(with_context("reset the alarm of axis " + drive.axis(), done.error()));
   return {};
 }

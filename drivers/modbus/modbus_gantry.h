@@ -52,16 +52,16 @@ class ModbusGantryDevice final : public Gantry {
   };
   Result<Look> look(const Until& until);
   Result<void> wait_until_ready(const Until& until);
-  Result<std::vector<DriveMove>> coordinated(const GantryPosition& from,
-                                             const GantryPosition& to) const;
+  std::vector<DriveMove> coordinated(const GantryPosition& from, const GantryPosition& to) const;
   Result<void> start(const ProfileCommand& command, const std::vector<DriveMove>& moves,
                      const Until& until);
-  Result<void> wait_for_arrival(const GantryPosition* target, double expected_s,
+  Result<void> wait_for_arrival(const GantryPosition& before, const GantryPosition* target,
                                 const Until& until);
   Result<std::vector<std::string>> open_interlocks(const Until& until);
   std::string where(const Look& seen, const GantryPosition* target) const;
   Result<void> require_able_to_move(const GantryStatus& status) const;
   void tell_to_stop();
+  void tell_to_stop(const std::vector<ModbusDriveDevice*>& drives) const;
 
   const GantryModel model_;
   const std::vector<Interlock> interlocks_;

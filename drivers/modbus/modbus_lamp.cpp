@@ -24,7 +24,8 @@ class ModbusLampDevice final : public Lamp {
     const auto raw = config_.coil
                          ? static_cast<std::uint16_t>(power > 0 ? 1 : 0)
                          : static_cast<std::uint16_t>(std::lround(power * config_.full_scale));
-    auto done = bus_->write(config_.unit, table(), address(), {raw}, false, until);
+    auto done = bus_->write(config_.unit, table(), address(), {raw}, false, until,
+                            power > 0 ? Delivery::in_step : Delivery::sent_first);
     if (!done) return tl::unexpected(with_context("switch the lamp", done.error()));
     return {};
   }
@@ -67,7 +68,7 @@ Result<std::unique_ptr<Lamp>> make_modbus_lamp(const Rig& rig, const ModbusLamp&
 }
 
 Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const ModbusLamp& backend, Clock& clock) {
-  auto bus = ModbusBus::open(backend.endpoint, backend.timeout, clock);
+  auto bus = ModbusBus::open(backend.endpoint, backend.timeout, {}, clock);
   if (!bus) return tl::unexpected(bus.error());
   return make_modbus_lamp(rig, backend, clock, std::move(*bus));
 }

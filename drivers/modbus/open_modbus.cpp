@@ -53,20 +53,37 @@ void feed_watchdogs(const ModbusGantry& backend, ModbusController& controller) {
                                           controller.profile.watchdog->timeout / 3);
 }
 
-// After a lost answer a serial line is silent for three timeouts more: a watchdog that barks
-// earlier would turn every lost answer into an alarm.
+// After a lost answer a serial line is silent for three timeouts more, and the watchdog is fed at a
+// third of its time: one that barks earlier would turn every lost answer into an alarm.
 Result<void> watchdog_outlasts_recovery(const ModbusGantry& backend) {
   const auto& watchdog = backend.controller.watchdog;
   const bool serial =
       std::any_of(backend.drives.begin(), backend.drives.end(), [](const ModbusDrive& drive) {
         return std::holds_alternative<SerialEndpoint>(drive.endpoint);
       });
-  if (!watchdog || !serial || 4 * backend.timeout < watchdog->timeout) return {};
+  if (!watchdog || !serial || 6 * backend.timeout < watchdog->timeout) return {};
   return fail(ErrorCode::invalid_input,
               fmt::format("[gantry.modbus] timeout_ms = {} leaves no time to recover from a lost "
                           "answer before the drives' watchdog of {} ms barks: on a serial line it "
-                          "must be below a quarter of that",
+                          "must be below a sixth of that",
                           backend.timeout.count(), watchdog->timeout.count()));
+}
+
+/// Where a drive keeps the gantry from being opened, a lamp that an earlier program left burning
+/// still goes dark, if the wire to it is there.
+void darken(const Rig& rig, ModbusController& controller, Clock& clock) {
+  if (const auto* unit = std::get_if<ModbusLamp>(&rig.lamp.backend)) {
+    const auto bus = controller.buses.find(wire_of(unit->endpoint));
+    if (bus != controller.buses.end())  // that it is opened is that it goes dark
+      (void)make_modbus_lamp(
+          rig, *unit, clock,
+          std::shared_ptr<ModbusBus>(std::shared_ptr<void>(), bus->second.get()));
+  }
+  const auto* lamp = std::get_if<GantryLamp>(&rig.lamp.backend);
+  if (lamp == nullptr || controller.drives.empty()) return;
+  const auto output = controller.profile.outputs.find(lamp->output);
+  if (output != controller.profile.outputs.end())
+    (void)controller.drives.front().set_output(output->second, 0, {clock.now() + farewell, {}});
 }
 
 }  // namespace
@@ -82,14 +99,17 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, C
   for (const ModbusDrive& drive : backend.drives) {
     auto& bus = controller->buses[wire_of(drive.endpoint)];
     if (!bus) {
-      auto connected = ModbusBus::open(drive.endpoint, backend.timeout, clock);
+      auto connected =
+          ModbusBus::open(drive.endpoint, backend.timeout, controller->profile.frame_gap, clock);
       if (!connected) return tl::unexpected(connected.error());
       bus = std::move(*connected);
     }
     ModbusDriveDevice device(controller->profile, drive, *bus, clock);
     const Until until{clock.now() + 6 * backend.timeout, {}};
-    if (auto ready = device.prepare(until); !ready)
+    if (auto ready = device.prepare(until); !ready) {
+      darken(rig, *controller, clock);
       return tl::unexpected(with_context("axis " + drive.axis, ready.error()));
+    }
     controller->drives.push_back(std::move(device));  // proved: what is not is never written to
   }
   feed_watchdogs(backend, *controller);

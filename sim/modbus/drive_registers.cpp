@@ -158,7 +158,7 @@ std::optional<std::uint16_t> DriveRegisters::live(RegisterTable table, int addre
   show(word, profile_.moving, key, !status.at_rest);
   show(word, profile_.in_position, key, status.at_rest);
   show(word, profile_.ready, key, status.at_rest && enabled_ && !alarm);
-  show(word, profile_.homed, key, status.homed);
+  show(word, profile_.homed, key, world_->axis_homed(axis_));
   show(word, profile_.alarm, key, alarm);
   show(word, profile_.enabled, key, enabled_);
   show(word, profile_.e_stop, key, stopped);
@@ -218,6 +218,13 @@ std::uint16_t DriveRegisters::stored(const RegisterItem& item, int word) const {
 std::optional<ModbusException> DriveRegisters::start_move() {
   if (!enabled_) return ModbusException::device_failure;
   for (const ProfileWrite& write : profile_.move.writes) {
+    const bool rate = write.quantity == Quantity::speed ||
+                      write.quantity == Quantity::acceleration ||
+                      write.quantity == Quantity::deceleration;
+    if (rate && raw_of(write.item, stored(write.item, 0), stored(write.item, 1)) <= 0)
+      return ModbusException::illegal_value;
+  }
+  for (const ProfileWrite& write : profile_.move.writes) {
     if (write.quantity != Quantity::position) continue;
     const RegisterItem& item = write.item;
     const double counts = value_of_raw(item, raw_of(item, stored(item, 0), stored(item, 1)));
@@ -235,13 +242,13 @@ std::optional<ModbusException> DriveRegisters::obey(const Key& key, std::uint16_
              Key{profile_.enable->trigger.table, profile_.enable->trigger.address} == key) {
     // 0 in the register that holds the motor lets it go.
     enabled_ = false;
-    world_->halt_gantry();
+    world_->halt_axis(axis_);
   }
-  if (fires(profile_.stop, key, before, now)) world_->halt_gantry();
+  if (fires(profile_.stop, key, before, now)) world_->halt_axis(axis_);
   if (profile_.reset_alarm && fires(*profile_.reset_alarm, key, before, now))
     (void)world_->clear_fault();
   if (fires(profile_.home, key, before, now)) {
-    if (!enabled_ || !world_->start_homing()) return ModbusException::device_failure;
+    if (!enabled_ || !world_->start_axis_homing(axis_)) return ModbusException::device_failure;
   }
   if (fires(profile_.move, key, before, now)) return start_move();
   for (const auto& [name, output] : profile_.outputs) {

@@ -26,6 +26,7 @@ class DriveRegisters final : public ModbusUnit {
   /// switches the outputs off.
   void tick() override;
   void reboot() override;
+  std::chrono::milliseconds gap() const override { return profile_.frame_gap; }
 
  private:
   using Key = std::pair<RegisterTable, int>;

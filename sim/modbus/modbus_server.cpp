@@ -114,8 +114,10 @@ bool ModbusServer::serve(std::uint64_t client, std::uint8_t unit, const Bytes& h
                          framed(head, {static_cast<std::uint8_t>(pdu[0] | 0x80), no_such_unit})});
     return true;
   }
-  const auto fault = faults_ ? faults_->on_request(wire_) : std::nullopt;
+  const auto fault = faults_ ? faults_->on_request(wire_, unit) : std::nullopt;
   if (steady_clock::now() < silent_until_) return true;
+  // A drive that wants silence after its answer does not hear what comes earlier.
+  if (!is_tcp() && steady_clock::now() < last_answer_ + found->second->gap()) return true;
   found->second->heard();
   if (fault && fault->effect == WireEffect::silence) return true;
   Bytes answer;
@@ -162,6 +164,7 @@ void ModbusServer::drop(std::uint64_t number) {
 
 void ModbusServer::transmit(const Outgoing& outgoing) {
   if (outgoing.client == 0) {
+    last_answer_ = steady_clock::now();
     if (pty_.is_open() &&
         write(pty_.descriptor(), outgoing.bytes.data(), outgoing.bytes.size()) < 0)
       return;  // nobody reads the pty: a serial line loses what nobody takes

@@ -86,7 +86,7 @@ class ModbusServer {
   std::vector<Client> clients_;
   std::uint64_t next_client_ = 1;
   std::deque<Outgoing> outbox_;
-  std::chrono::steady_clock::time_point silent_until_{}, gone_until_{};
+  std::chrono::steady_clock::time_point silent_until_{}, gone_until_{}, last_answer_{};
   std::jthread thread_;  // last
 };
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <optional>
 
@@ -27,6 +28,8 @@ class ModbusUnit {
   virtual void heard() = 0;
   /// Time passes.
   virtual void tick() = 0;
+  /// Silence that it wants between its answer and the next request: it hears nothing earlier.
+  virtual std::chrono::milliseconds gap() const { return {}; }
   /// Power fails and comes back: everything volatile is as it was at the factory.
   virtual void reboot() = 0;
 };

@@ -101,7 +101,7 @@ class ModbusPeer : public testing::TestWithParam<Peering>, protected test::Modbu
     if (!backends().front().built) GTEST_SKIP() << "Modbus is left out of this build";
     const std::string obstacle = test::enter_own_network();
     if (!obstacle.empty()) GTEST_SKIP() << obstacle;
-    backend_.timeout = 400ms;
+    backend_.timeout = 300ms;
     const fs::path path = fs::path(lightrig::test::source_dir) / "config/controllers/generic.toml";
     std::stringstream text;
     text << std::ifstream(path).rdbuf();

@@ -9,8 +9,12 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <memory>
+#include <string>
+#include <thread>
 #include <vector>
 
+#include "sim/wire_faults.h"
 #include "tests/drivers/own_network.h"
 #include "tests/drivers/wire_rig.h"
 
@@ -115,7 +119,81 @@ TEST_P(ModbusSafety, ADeadDriveKeepsNeitherTheOtherMovingNorTheLampLit) {
   ASSERT_FALSE(safe);
   EXPECT_THAT(safe.error().message, HasSubstr("the lamp is dark, the gantry may be moving"));
   EXPECT_EQ(world_->lamp_power(), 0);
-  EXPECT_TRUE(comes_to_rest()) << "the drive that answers was told to stop";
+  // The drive that answers was told to stop; nobody can tell the other.
+  const double stopped = world_->gantry_status().position.axes[0];
+  std::this_thread::sleep_for(300ms);
+  EXPECT_EQ(world_->gantry_status().position.axes[0], stopped);
+  EXPECT_FALSE(world_->gantry_status().at_rest);
+}
+
+/// A serial line is where units share one wire's step.
+class ModbusSharedLine : public ModbusSafety {
+ protected:
+  /// Slow axes that stand where homing ends, so that homing takes no time and a move all the more.
+  void be_slow() {
+    for (Axis& axis : rig_.gantry.model.axes) {
+      axis.max_speed = 0.3;
+      axis.home = axis.min + 0.3 * (axis.max - axis.min);
+    }
+  }
+  void fail_unit(int number) {
+    faults_ = std::make_shared<sim::WireFaults>(world_);
+    auto wires = sim::host_wire(rig_, backend_, world_, faults_);
+    ASSERT_TRUE(wires) << wires.error().message;
+    hosted_ = std::move(*wires);
+    dies_ = "silence unit=" + std::to_string(number) + " count=1000000";
+  }
+  void kill_it() { ASSERT_TRUE(faults_->add(sim::parse_wire_fault(dies_).value())); }
+
+  std::shared_ptr<sim::WireFaults> faults_;
+  std::string dies_;
+};
+
+TEST_P(ModbusSharedLine, ADriveThatDiesKeepsNoOtherFromStoppingNorTheLampLit) {
+  backend_.controller.watchdog.reset();
+  rig_.lamp.backend = lamp_beside_the_drives();
+  be_slow();
+  ASSERT_NO_FATAL_FAILURE(host());
+  hosted_.clear();
+  ASSERT_NO_FATAL_FAILURE(fail_unit(backend_.drives[0].unit));
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(opened->gantry->home(soon(60s)));
+  ASSERT_TRUE(opened->lamp->set(1, soon(2s)));
+  std::jthread killer([&] {
+    std::this_thread::sleep_for(300ms);
+    kill_it();
+  });
+  const auto moved = opened->gantry->move_to(test::at_degrees(150, 80), soon(30s));
+  ASSERT_FALSE(moved) << "the first drive, which was read first, is gone";
+  std::this_thread::sleep_for(200ms);
+  const double second = world_->gantry_status().position.axes[1];
+  std::this_thread::sleep_for(300ms);
+  EXPECT_EQ(world_->gantry_status().position.axes[1], second) << "the other was told to stop";
+  (void)opened->lamp->set(0, soon(200ms));
+  EXPECT_EQ(world_->lamp_power(), 0) << "the lamp's unit answers, and goes dark at once";
+  // And what is known of the units that answer can still be had.
+  EXPECT_TRUE(opened->lamp->state(soon(5s)));
+}
+
+// The silence that must follow would outlast the patience of a stop.
+TEST_P(ModbusSharedLine, AStopAfterALostAnswerDoesNotWaitForTheWireToBeInStep) {
+  backend_.timeout = 500ms;
+  backend_.controller.watchdog.reset();
+  be_slow();
+  ASSERT_NO_FATAL_FAILURE(host());
+  hosted_.clear();
+  ASSERT_NO_FATAL_FAILURE(fail_unit(backend_.drives[1].unit));
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(opened->gantry->home(soon(60s)));
+  std::jthread loser([&] {
+    std::this_thread::sleep_for(300ms);
+    ASSERT_TRUE(faults_->add(sim::parse_wire_fault("lost_answer").value()));
+  });
+  const auto moved = opened->gantry->move_to(test::at_degrees(150, 80), soon(30s));
+  ASSERT_FALSE(moved);
+  EXPECT_TRUE(comes_to_rest()) << "the way takes nine seconds: a drive was not told";
 }
 
 TEST_P(ModbusSafety, EveryLampOfABankIsMadeDark) {
@@ -210,6 +288,8 @@ TEST_P(ModbusSecondMaster, FindsADriveThatWasSwitchedOffAtRestUntilItIsHomedAnew
 
 INSTANTIATE_TEST_SUITE_P(Wires, ModbusSecondMaster, testing::Values(Wire::tcp),
                          [](const auto&) { return "Tcp"; });
+INSTANTIATE_TEST_SUITE_P(Wires, ModbusSharedLine, testing::Values(Wire::rtu),
+                         [](const auto&) { return "Rtu"; });
 INSTANTIATE_TEST_SUITE_P(Wires, ModbusSafety, testing::Values(Wire::tcp, Wire::rtu),
                          [](const auto& wire) {
                            return std::string(wire.param == Wire::tcp ? "Tcp" : "Rtu");

@@ -51,7 +51,8 @@ def main():
     for unit in targets:
         assert good(client.read_holding_registers(0x0000, 1, slave=unit)).registers == [0x4C52]
         good(client.write_register(0x0011, 1, slave=unit))
-    pulse(1, 2)
+    for unit in targets:
+        pulse(unit, 2)
     for unit in targets:
         wait(unit, 0x000A, 0x0008)  # homed and not moving
     for unit, counts in targets.items():
