@@ -123,6 +123,16 @@ void check_modbus(const Section& gantry, const ControllerProfile* profile, Findi
   const std::vector<const Section*> drives = modbus.all("drive");
   check_links(gantry, drives, modbus, "drive", findings);
   check_lines(drives, findings);
+  const bool serial =
+      std::ranges::any_of(drives, [](const Section* drive) { return drive->given_key("device"); });
+  if (profile != nullptr && serial && profile->watchdog && modbus.has("timeout_ms") &&
+      6 * modbus.integer("timeout_ms") >= profile->watchdog->timeout.count())
+    findings.error(
+        modbus.at("timeout_ms"),
+        fmt::format("a lost answer would set off the drives' watchdog of {} ms: on a serial line "
+                    "the wire is silent for three timeouts then, and the watchdog is fed at a "
+                    "third of its time; keep timeout_ms below a sixth of it",
+                    profile->watchdog->timeout.count()));
   for (const Section* drive : drives) {
     check_scale(*drive, "counts", findings);
     if (profile == nullptr) continue;
@@ -139,14 +149,6 @@ void check_modbus(const Section& gantry, const ControllerProfile* profile, Findi
                      fmt::format("[{}] lacks counts_per_rev: {} takes speeds in rpm of the motor",
                                  drive->path, profile->name));
     check_drive_limits(gantry, *drive, *profile, findings);
-    if (drive->given_key("device") && profile->watchdog && modbus.has("timeout_ms") &&
-        6 * modbus.integer("timeout_ms") >= profile->watchdog->timeout.count())
-      findings.error(
-          modbus.at("timeout_ms"),
-          fmt::format("a lost answer would set off the drives' watchdog of {} ms: on a serial line "
-                      "the wire is silent for three timeouts then, and the watchdog is fed at a "
-                      "third of its time; keep below a sixth of it",
-                      profile->watchdog->timeout.count()));
   }
 }
 
