@@ -305,14 +305,26 @@ void see_turned(const Rig& rig, const SessionSpec& spec, Prepared& prepared) {
     prepared.turned_points.push_back(points_seen(rig, spec, prepared, shot.gantry));
 }
 
+Result<void> go_on(const std::stop_token& stop) {
+  if (stop.stop_requested()) return fail(ErrorCode::stopped, "plan: stopped on request");
+  return {};
+}
+
 /// Everything but the choice of lights.
-Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec) {
+Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec,
+                               const std::stop_token& stop) {
   Prepared prepared;
   StageClock clock(prepared.cost);
-  if (auto r = load(spec, prepared, clock); !r) return tl::unexpected(r.error());
-  if (auto r = make_bases(spec, prepared, clock); !r) return tl::unexpected(r.error());
-  if (auto r = look_at_object(rig, spec, prepared, clock); !r) return tl::unexpected(r.error());
-  if (auto r = bin(rig, spec, prepared, clock); !r) return tl::unexpected(r.error());
+  const auto next = [&] { return go_on(stop); };
+  const auto ready = load(spec, prepared, clock)
+                         .and_then(next)
+                         .and_then([&] { return make_bases(spec, prepared, clock); })
+                         .and_then(next)
+                         .and_then([&] { return look_at_object(rig, spec, prepared, clock); })
+                         .and_then(next)
+                         .and_then([&] { return bin(rig, spec, prepared, clock); })
+                         .and_then(next);
+  if (!ready) return tl::unexpected(ready.error());
   LeftOut& left_out = prepared.plan.left_out;
   left_out.components_available = static_cast<int>(prepared.fit_basis.components());
   left_out.components_used = static_cast<int>(prepared.plan_basis.components());
@@ -361,8 +373,9 @@ const SurfacePoints& points_of_shot(const Prepared& prepared, int shot) {
                                         : prepared.turned_points[static_cast<std::size_t>(shot)];
 }
 
-Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force) {
-  auto prepared = prepare_scene(rig, spec);
+Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force,
+                         const std::stop_token& stop) {
+  auto prepared = prepare_scene(rig, spec, stop);
   if (!prepared) return prepared;
   StageClock clock(prepared->cost);
   if (auto chosen = choose_lights(rig, spec, brute_force, *prepared, clock); !chosen) {
@@ -373,8 +386,9 @@ Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_for
   return prepared;
 }
 
-Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan) {
-  auto prepared = prepare_scene(rig, spec);
+Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan,
+                                   const std::stop_token& stop) {
+  auto prepared = prepare_scene(rig, spec, stop);
   if (!prepared) return prepared;
   for (const Shot& shot : plan.shots) {
     if (auto usable = check_shot(rig, spec, *prepared, shot); !usable) {

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <memory>
+#include <stop_token>
 #include <string>
 #include <utility>
 #include <vector>
@@ -55,11 +56,14 @@ SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepare
                           const GantryPosition& position);
 
 /// Reads what the files name and plans. Errors: invalid_input when the camera does not see the
-/// object or no reachable lamp position lights anything it sees, with the counts.
-Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force = false);
+/// object or no reachable lamp position lights anything it sees, with the counts; stopped, once the
+/// stage in hand is over.
+Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force = false,
+                         const std::stop_token& stop = {});
 
 /// Everything of prepare() but the plan's choice of lights, which is given (a stored plan, a
 /// resumed session).
-Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan);
+Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan,
+                                   const std::stop_token& stop = {});
 
 }  // namespace lightrig

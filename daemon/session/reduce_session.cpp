@@ -46,9 +46,16 @@ std::vector<CapturedShot> reduction_order(const std::vector<CapturedShot>& shots
   return order;
 }
 
-Result<std::vector<CurvePoint>> reduce_shots(const SessionRecord& record, Reduction& reduction) {
+Result<void> go_on(const std::stop_token& stop) {
+  if (stop.stop_requested()) return fail(ErrorCode::stopped, "reduce: stopped on request");
+  return {};
+}
+
+Result<std::vector<CurvePoint>> reduce_shots(const SessionRecord& record, Reduction& reduction,
+                                             const std::stop_token& stop) {
   std::vector<CurvePoint> curve;
   for (const CapturedShot& shot : reduction_order(record.shots)) {
+    if (auto next = go_on(stop); !next) return tl::unexpected(next.error());
     if (auto added = reduction.add(shot); !added) return tl::unexpected(added.error());
     if (!shot.held_out) curve.push_back(reduction.estimate());
     if (reduction.trouble()) return tl::unexpected(*reduction.trouble());
@@ -179,7 +186,7 @@ ReductionSummary summary_of(const SessionResult& result, const fs::path& folder)
 }  // namespace
 
 Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path& out, int threads,
-                                        const fs::path& environment) {
+                                        const fs::path& environment, const std::stop_token& stop) {
   const Result<Environment> surroundings = environment.empty()
                                                ? Result<Environment>(studio_environment())
                                                : read_environment(environment);
@@ -192,7 +199,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   const auto held =
       in_place ? hold_folder(record->folder) : Result<FileDescriptor>(FileDescriptor());
   if (!held) return tl::unexpected(held.error());
-  const auto prepared = prepare_with_plan(record->rig, record->spec, record->plan);
+  const auto prepared = prepare_with_plan(record->rig, record->spec, record->plan, stop);
   if (!prepared) return tl::unexpected(prepared.error());
   auto reference = reference_of(record->rig, record->spec, simulated(*record));
   if (!reference) return tl::unexpected(reference.error());
@@ -202,9 +209,10 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
 
   Reduction reduction(record->rig, record->spec, *prepared, record->folder, record->darks,
                       ReductionOptions{threads, *reference, radiance, true});
-  auto curve = reduce_shots(*record, reduction);
+  auto curve = reduce_shots(*record, reduction, stop);
   if (!curve) return tl::unexpected(curve.error());
 
+  if (auto next = go_on(stop); !next) return tl::unexpected(next.error());
   SessionResult result;
   describe_session(*record, reduction, threads, result);
   result.object = prepared->object.description;
@@ -230,6 +238,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   result.lights = light_results(reduction, record->plan);
   result.left_out = left_out_lines(*record, *prepared, reduction.basis());
   result.warnings = warnings_of(*record, *prepared, result);
+  if (auto next = go_on(stop); !next) return tl::unexpected(next.error());
   Stopwatch drawing("pictures", after);
   const auto pictures =
       draw_pictures(reduction, *prepared->occluder, *reference ? &(*reference)->table : nullptr,
@@ -240,6 +249,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
     result.cost.insert(result.cost.end(), part.begin(), part.end());
   }
   const fs::path folder = root / "result";
+  if (auto next = go_on(stop); !next) return tl::unexpected(next.error());
   if (auto written = write_result(folder, result, *pictures); !written) {
     return tl::unexpected(with_context("write the result", written.error()));
   }

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -123,9 +124,10 @@ struct ReductionSummary {
 /// uncertainty, result.json, PNGs, report.html) under `out` ("": the folder itself). The report's
 /// sphere stands in the light of the picture `environment` ("": a studio). Errors: those of reading
 /// the folder and the picture; invalid_input when the folder holds no light to fit; no_space,
-/// refused.
+/// refused; stopped, once the shot or stage in hand is over: then result/ is as it was.
 Result<ReductionSummary> reduce_session(const std::filesystem::path& session,
                                         const std::filesystem::path& out, int threads,
-                                        const std::filesystem::path& environment = {});
+                                        const std::filesystem::path& environment = {},
+                                        const std::stop_token& stop = {});
 
 }  // namespace lightrig

@@ -112,6 +112,16 @@ TEST(Prepare, ChoosesTheSameLightsWithoutAnyShortcut) {
   }
 }
 
+TEST(Prepare, EndsAtItsNextStageOnceItIsToldToStop) {
+  const Scratch scratch;
+  const Rig rig = small_rig(scratch.path());
+  std::stop_source stop;
+  stop.request_stop();
+  const auto prepared = prepare(rig, spec_of(rig), false, stop.get_token());
+  ASSERT_FALSE(prepared);
+  EXPECT_EQ(prepared.error().code, ErrorCode::stopped);
+}
+
 TEST(Prepare, PredictsTheErrorAfterEveryStepOfTheWay) {
   const Prepared& prepared = small_plan();
   const Plan& plan = prepared.plan;

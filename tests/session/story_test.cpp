@@ -169,6 +169,17 @@ TEST_F(Story, KeepsItsSealWhenReducedAgain) {
   EXPECT_THAT(report->findings, SizeIs(0));
 }
 
+TEST_F(Story, KeepsItsResultWhereAReductionIsToldToStop) {
+  const std::string before = read_file(session_ / "result" / "result.json").value();
+  std::stop_source stop;
+  stop.request_stop();
+  const auto reduced = reduce_session(session_, "", 1, {}, stop.get_token());
+  ASSERT_FALSE(reduced);
+  EXPECT_EQ(reduced.error().code, ErrorCode::stopped);
+  EXPECT_EQ(read_file(session_ / "result" / "result.json").value(), before);
+  EXPECT_TRUE(verify_session(session_, 1)->sound);
+}
+
 TEST_F(Story, IsNotReducedWithAnotherRigFile) {
   const std::string text = read_file(session_ / "rig.toml").value();
   ASSERT_TRUE(write_durably(session_ / "rig.toml", text + "# as if measured again\n"));
