@@ -118,7 +118,8 @@ TableSpec aravis_table() {
                .need = Need::optional,
                .doc =
                    "GenICam features set after opening, in the order of their names, for instance "
-                   "`GammaEnable = false`.",
+                   "`Gain = 6`. A `UserSetSelector` is loaded before them (`Default` without), "
+                   "`OffsetX` and `OffsetY` are set after the picture's size (0 without).",
                .free_form = true}};
   return t;
 }

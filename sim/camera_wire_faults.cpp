@@ -69,6 +69,16 @@ bool CameraWireFaults::holds_gamma() const {
   return holds_gamma_;
 }
 
+void CameraWireFaults::keep_settings() {
+  const std::lock_guard lock(mutex_);
+  keeps_settings_ = true;
+}
+
+bool CameraWireFaults::keeps_settings() const {
+  const std::lock_guard lock(mutex_);
+  return keeps_settings_;
+}
+
 bool CameraWireFaults::numbers_anew() const {
   const std::lock_guard lock(mutex_);
   return numbers_anew_;

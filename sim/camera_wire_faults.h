@@ -58,6 +58,10 @@ class CameraWireFaults {
   void hold_gamma();
   bool holds_gamma() const;
 
+  /// From now on loading a user set is answered well and changes nothing, as in a model without.
+  void keep_settings();
+  bool keeps_settings() const;
+
   /// The camera begins a frame: what strikes it.
   std::vector<CameraFault> begin_frame();
   /// Whether the packet now being sent is lost on its way.
@@ -74,7 +78,7 @@ class CameraWireFaults {
   std::vector<CameraFault> struck_;
   std::uint64_t frames_ = 0, packets_ = 0, packets_lost_ = 0;
   double share_ = 0;
-  bool resend_ = true, numbers_anew_ = false, holds_gamma_ = false;
+  bool resend_ = true, numbers_anew_ = false, holds_gamma_ = false, keeps_settings_ = false;
   std::uint64_t seed_ = 1;
 };
 

@@ -70,10 +70,39 @@ Result<CameraFaultLine> parse_camera_fault(CameraFaultKind kind,
   return line;
 }
 
+/// Packets lost at random, from now on.
+Result<void> add_loss(CameraWireFaults& faults, const std::vector<std::string_view>& words) {
+  double share = -1;
+  bool resend = true;
+  std::uint64_t seed = 1;
+  for (std::size_t i = 1; i < words.size(); ++i) {
+    const std::string_view word = words[i];
+    const std::string value(word.substr(std::min(word.size(), word.find('=') + 1)));
+    char* end = nullptr;
+    const double number = std::strtod(value.c_str(), &end);
+    const bool sound = !value.empty() && *end == '\0' && number >= 0;
+    if (word.starts_with("share=") && sound && number <= 1)
+      share = number;
+    else if (word.starts_with("seed=") && sound && number == std::floor(number))
+      seed = static_cast<std::uint64_t>(number);
+    else if (word == "resend=yes" || word == "resend=no")
+      resend = word == "resend=yes";
+    else if (word != "wire=camera")
+      return bad(
+          fmt::format("\"{}\" is not understood; a loss reads: loss share=S "
+                      "[resend=yes|no] [seed=N]",
+                      word));
+  }
+  if (share < 0) return bad("a loss needs its share, from 0 to 1: loss share=0.01");
+  faults.lose(share, resend, seed);
+  return {};
+}
+
 }  // namespace
 
 Result<void> HostedRig::add_fault(std::string_view text) {
   const std::vector<std::string_view> words = words_of(text);
+  if (!words.empty() && words.front() == "loss") return add_loss(*camera_faults, words);
   const auto kind = words.empty() ? std::nullopt : camera_fault_kind(words.front());
   if (!kind) {
     auto fault = parse_wire_fault(text);
@@ -109,6 +138,7 @@ std::vector<std::string> HostedRig::struck() const {
   for (const CameraFault& fault : camera_faults->struck())
     all.push_back(
         fmt::format("{} on the camera's wire at frame {}", name_of(fault.kind), fault.nth_frame));
+  if (camera_faults->packets_lost() > 0) all.emplace_back("loss on the camera's wire");
   return all;
 }
 

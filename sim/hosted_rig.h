@@ -26,7 +26,8 @@ struct HostedRig {
   std::vector<HostedWire> wires;
 
   /// Takes a fault as text [docs/simulate.md]: of the gantry's and lamp's wires as
-  /// parse_wire_fault() has it, of the camera's "KIND [frame=N] [seconds=S]". Errors:
+  /// parse_wire_fault() has it, of the camera's "KIND [frame=N] [seconds=S]" or "loss share=S
+  /// [resend=yes|no] [seed=N]". Errors:
   /// invalid_input, with what would be right.
   Result<void> add_fault(std::string_view line);
   /// A script: one fault a line, empty lines and # comments left out. Errors name the line.

@@ -15,7 +15,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr std::array<std::pair<WireEffect, std::string_view>, 23> effects{{
+constexpr std::array<std::pair<WireEffect, std::string_view>, 24> effects{{
     {WireEffect::silence, "silence"},
     {WireEffect::lost_answer, "lost_answer"},
     {WireEffect::exception, "exception"},
@@ -25,6 +25,7 @@ constexpr std::array<std::pair<WireEffect, std::string_view>, 23> effects{{
     {WireEffect::truncated, "truncated"},
     {WireEffect::corrupted, "corrupted"},
     {WireEffect::short_reads, "short_reads"},
+    {WireEffect::garbled_request, "garbled_request"},
     {WireEffect::closed, "closed"},
     {WireEffect::half_open, "half_open"},
     {WireEffect::unplug, "unplug"},

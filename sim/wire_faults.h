@@ -24,15 +24,16 @@ enum class Wire : std::uint8_t { gantry, lamp, camera };
 /// What goes wrong at the far end of a wire [docs/simulate.md].
 enum class WireEffect : std::uint8_t {
   // To one answer.
-  silence,      ///< the request is neither obeyed nor answered
-  lost_answer,  ///< obeyed, but the answer is lost
-  exception,    ///< a Modbus exception (`code`) or GRBL error; not obeyed
-  late,         ///< obeyed, answered `ms` later
-  duplicate,    ///< answered twice
-  wrong_id,     ///< answered under another transaction or unit number
-  truncated,    ///< half of the answer
-  corrupted,    ///< one bit of the answer is turned
-  short_reads,  ///< the answer comes a byte at a time
+  silence,          ///< the request is neither obeyed nor answered
+  lost_answer,      ///< obeyed, but the answer is lost
+  exception,        ///< a Modbus exception (`code`) or GRBL error; not obeyed
+  late,             ///< obeyed, answered `ms` later
+  duplicate,        ///< answered twice
+  wrong_id,         ///< answered under another transaction or unit number
+  truncated,        ///< half of the answer
+  corrupted,        ///< one bit of the answer is turned
+  short_reads,      ///< the answer comes a byte at a time
+  garbled_request,  ///< GRBL: a digit of the command is lost; what is left is obeyed
   // To the wire.
   closed,     ///< obeyed, then the connection is closed without an answer
   half_open,  ///< nothing more is heard on this connection; a new one works

@@ -136,12 +136,12 @@ bool World::axis_homed(std::size_t axis) const {
   return homed_at(now) || (own != seeking_.end() && now >= own->second);
 }
 
-Result<TimePoint> World::start_move(const GantryPosition& to) {
+Result<TimePoint> World::start_move(const GantryPosition& to, double speed_share) {
   const std::lock_guard lock(mutex_);
-  return start_move_locked(to);
+  return start_move_locked(to, speed_share);
 }
 
-Result<TimePoint> World::start_move_locked(const GantryPosition& to) {
+Result<TimePoint> World::start_move_locked(const GantryPosition& to, double speed_share) {
   if (auto allowed = may_move(); !allowed) return tl::unexpected(allowed.error());
   if (!homed_at(clock_.now())) {
     return fail(ErrorCode::refused, "the gantry does not know where it is: home it first");
@@ -150,7 +150,7 @@ Result<TimePoint> World::start_move_locked(const GantryPosition& to) {
     return fail(ErrorCode::refused, beyond);
   }
   gantry_commanded();
-  return dynamics_.move(clock_.now(), to);
+  return dynamics_.move(clock_.now(), to, speed_share);
 }
 
 Result<TimePoint> World::start_axis_move(std::size_t axis, double to) {

@@ -73,8 +73,9 @@ class World {
   const Rig& rig() const { return rig_; }
 
   // --- gantry. Refused: not homed, alarm, open interlock, beyond the soft limits.
-  Result<TimePoint> start_homing();                        ///< when it will be at rest, homed
-  Result<TimePoint> start_move(const GantryPosition& to);  ///< when it will be at rest
+  Result<TimePoint> start_homing();  ///< when it will be at rest, homed
+  /// When it will be at rest; `speed_share` in (0, 1] of the axes' own speeds.
+  Result<TimePoint> start_move(const GantryPosition& to, double speed_share = 1);
   /// One axis alone; the others keep their destination. A controller with a drive per axis commands
   /// them so.
   Result<TimePoint> start_axis_move(std::size_t axis, double to);
@@ -125,7 +126,7 @@ class World {
   void gantry_commanded();
   TimePoint seek_home();
   // With mutex_ held: what else has to hold at the same moment is looked at under the same lock.
-  Result<TimePoint> start_move_locked(const GantryPosition& to);
+  Result<TimePoint> start_move_locked(const GantryPosition& to, double speed_share = 1);
   void halt_locked();
   void forget_unfinished_homing(TimePoint now);
   LightPosition true_light(const GantryMotionState& motion) const;

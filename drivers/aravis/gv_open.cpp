@@ -1,125 +1,23 @@
 // Opening a camera and making its settings ours.
 #include <fmt/format.h>
 
-#include <cmath>
-#include <optional>
+#include <charconv>
 #include <utility>
 
 #include "drivers/aravis/gv_error.h"
+#include "drivers/aravis/gv_features.h"
 #include "drivers/aravis/gv_find.h"
 #include "drivers/aravis/gv_preflight.h"
 #include "drivers/aravis/gv_session.h"
 
 namespace lightrig {
-namespace {
-
-/// A feature exists and can be used now; a model that lacks it is no failure.
-bool has_feature(ArvCamera* camera, const char* name) {
-  GError* error = nullptr;
-  const bool has = arv_camera_is_feature_available(camera, name, &error);
-  g_clear_error(&error);
-  return has;
-}
-
-bool has_entry(ArvCamera* camera, const char* feature, const char* entry) {
-  GError* error = nullptr;
-  const bool has = has_feature(camera, feature) &&
-                   arv_camera_is_enumeration_entry_available(camera, feature, entry, &error);
-  g_clear_error(&error);
-  return has;
-}
-
-/// Copies a getter's string at once: it goes stale with the next call.
-std::string text_of(const char* text) { return text ? text : "?"; }
-
-/// Sets an enumeration or string feature and reads it back.
-Result<void> set_text(ArvCamera* camera, const std::string& feature, const std::string& value) {
-  GError* error = nullptr;
-  arv_camera_set_string(camera, feature.c_str(), value.c_str(), &error);
-  if (error) return gv_fail(fmt::format("set {} = {}", feature, value), error);
-  const std::string now = text_of(arv_camera_get_string(camera, feature.c_str(), &error));
-  if (error) return gv_fail(fmt::format("read {} back", feature), error);
-  if (now != value)
-    return fail(ErrorCode::refused,
-                fmt::format("set {} = {}, but the camera says {}", feature, value, now));
-  return {};
-}
-
-/// Switches a boolean feature off and reads it back; one that is off already is not written, since
-/// a model may have locked it so.
-Result<void> set_off(ArvCamera* camera, const std::string& feature) {
-  const auto is_on = [&](GError** error) {
-    return arv_camera_get_boolean(camera, feature.c_str(), error) != FALSE;
-  };
-  GError* error = nullptr;
-  const bool was_on = is_on(&error);
-  if (!error && !was_on) return {};
-  g_clear_error(&error);
-  arv_camera_set_boolean(camera, feature.c_str(), FALSE, &error);
-  if (error) return gv_fail(fmt::format("switch {} off", feature), error);
-  const bool still_on = is_on(&error);
-  if (error) return gv_fail(fmt::format("read {} back", feature), error);
-  if (still_on)
-    return fail(ErrorCode::refused,
-                fmt::format("{} was switched off, but the camera says that it is on: its counts "
-                            "would not be linear in light; set its gamma to 1 and lock it off",
-                            feature));
-  return {};
-}
-
-/// Whether the camera's words are what was asked for: the same text, or the same number to within
-/// the camera's own steps.
-bool same_value(const std::string& asked, const std::string& said) {
-  if (asked == said) return true;
-  const auto number = [](const std::string& text) -> std::optional<double> {
-    if (text == "true" || text == "True") return 1;
-    if (text == "false" || text == "False") return 0;
-    char* end = nullptr;
-    const double value = g_ascii_strtod(text.c_str(), &end);
-    if (text.empty() || *end != '\0') return std::nullopt;
-    return value;
-  };
-  const auto wanted = number(asked);
-  const auto got = number(said);
-  return wanted && got && std::abs(*wanted - *got) <= 0.01 * std::abs(*wanted) + 1e-9;
-}
-
-/// Any GenICam feature of the rig file, by the type of its node; written, then read back.
-Result<void> set_any(ArvCamera* camera, const std::string& feature, const std::string& value) {
-  ArvDevice* device = arv_camera_get_device(camera);
-  ArvGcNode* node = arv_device_get_feature(device, feature.c_str());
-  if (!node)
-    return fail(ErrorCode::not_found,
-                fmt::format("[camera.aravis.features] {}: this camera has no such feature; "
-                            "`arv-tool-0.8 features` lists those it has",
-                            feature));
-  GError* error = nullptr;
-  if (ARV_IS_GC_COMMAND(node)) {
-    arv_device_execute_command(device, feature.c_str(), &error);
-    if (error) return gv_fail(fmt::format("execute {}", feature), error);
-    return {};
-  }
-  // GenICam nodes convert from text themselves, whatever their type.
-  arv_gc_feature_node_set_value_from_string(ARV_GC_FEATURE_NODE(node), value.c_str(), &error);
-  if (error) return gv_fail(fmt::format("set {} = {}", feature, value), error);
-  const std::string now =
-      text_of(arv_gc_feature_node_get_value_as_string(ARV_GC_FEATURE_NODE(node), &error));
-  if (error) return gv_fail(fmt::format("read {} back", feature), error);
-  if (!same_value(value, now))
-    return fail(
-        ErrorCode::refused,
-        fmt::format("[camera.aravis.features] {} = {}: the camera says {}", feature, value, now));
-  return {};
-}
-
-}  // namespace
-
 Result<std::unique_ptr<GvSession>> GvSession::open(const Rig& rig, const AravisCamera& backend) {
   auto session = std::unique_ptr<GvSession>(new GvSession(rig, backend));
   for (const auto& step :
-       {&GvSession::connect, &GvSession::configure_features, &GvSession::configure_format,
-        &GvSession::configure_fixed_settings, &GvSession::configure_trigger,
-        &GvSession::configure_witnesses, &GvSession::open_stream, &GvSession::prove_stream}) {
+       {&GvSession::connect, &GvSession::load_user_set, &GvSession::configure_features,
+        &GvSession::configure_format, &GvSession::configure_fixed_settings,
+        &GvSession::configure_gain, &GvSession::configure_trigger, &GvSession::configure_witnesses,
+        &GvSession::open_stream, &GvSession::prove_stream}) {
     if (auto done = (session.get()->*step)(); !done)
       return tl::unexpected(with_context("camera " + backend.id, done.error()));
   }
@@ -150,10 +48,41 @@ Result<void> GvSession::connect() {
   return {};
 }
 
+// What the rig file does not name is as the factory set it, not as somebody left it: one command
+// for hundreds of features, where the model has it. The rest of what bends a picture is written
+// below, for a model without.
+Result<void> GvSession::load_user_set() {
+  const auto named = backend_.features.find("UserSetSelector");
+  const bool is_named = named != backend_.features.end();
+  const std::string set = is_named ? named->second : "Default";
+  const bool can = has_feature(camera_.get(), "UserSetLoad") &&
+                   has_entry(camera_.get(), "UserSetSelector", set.c_str());
+  if (!can && is_named)
+    return fail(ErrorCode::not_found,
+                fmt::format("[camera.aravis.features] UserSetSelector = {}: this camera has no "
+                            "such user set; `arv-tool-0.8 values UserSetSelector` lists them",
+                            set));
+  if (!can) return {};
+  if (auto chosen = set_text(camera_.get(), "UserSetSelector", set); !chosen) return chosen;
+  GError* error = nullptr;
+  arv_camera_execute_command(camera_.get(), "UserSetLoad", &error);
+  if (error) return gv_fail(fmt::format("load the user set {}", set), error);
+  identity_ += fmt::format("; user set {}", set);
+  return {};
+}
+
+bool GvSession::is_named(const std::string& feature) const {
+  return backend_.features.contains(feature);
+}
+
 // The rig file's own features come first: what the session needs is set after them and wins.
 Result<void> GvSession::configure_features() {
-  for (const auto& [feature, value] : backend_.features)
+  for (const auto& [feature, value] : backend_.features) {
+    const bool loaded = feature == "UserSetSelector" || feature == "UserSetLoad";
+    const bool after_size = feature == "OffsetX" || feature == "OffsetY";
+    if (loaded || after_size) continue;
     if (auto set = set_any(camera_.get(), feature, value); !set) return set;
+  }
   return {};
 }
 
@@ -181,30 +110,75 @@ Result<void> GvSession::configure_format() {
   if (now != format_->name)
     return fail(ErrorCode::refused,
                 fmt::format("asked for {}, but the camera says {}", format_->name, now));
-  gint x = 0;
-  gint y = 0;
-  gint width = 0;
-  gint height = 0;
-  arv_camera_set_region(camera_.get(), -1, -1, config.model.width, config.model.height, &error);
+  return configure_region();
+}
+
+// Where the picture lies on the sensor is as much part of the camera's model as its size. An offset
+// that somebody left limits the size that can be set: it goes first.
+Result<void> GvSession::configure_region() {
+  ArvCamera* camera = camera_.get();
+  for (const char* factor :
+       {"BinningHorizontal", "BinningVertical", "DecimationHorizontal", "DecimationVertical"})
+    if (!is_named(factor) && has_feature(camera, factor))
+      if (auto set = set_whole(camera, factor, 1); !set) return set;
+  for (const char* mirror : {"ReverseX", "ReverseY"})
+    if (!is_named(mirror) && has_feature(camera, mirror))
+      if (auto set = set_off(camera, mirror,
+                             "its picture would be mirrored; switch it off with the maker's tool");
+          !set)
+        return set;
+  const auto set_offsets = [&](const auto& value_of_one) -> Result<void> {
+    for (const char* offset : {"OffsetX", "OffsetY"}) {
+      const auto value = value_of_one(offset);
+      if (!value) return tl::unexpected(value.error());
+      if (!is_named(offset) && !has_feature(camera, offset)) continue;
+      if (auto set = set_whole(camera, offset, *value); !set)
+        return tl::unexpected(with_context("place the picture on the sensor", set.error()));
+    }
+    return {};
+  };
+  const auto none = [](const std::string&) -> Result<gint64> { return 0; };
+  const auto of_the_rig = [&](const std::string& offset) -> Result<gint64> {
+    const auto named = backend_.features.find(offset);
+    if (named == backend_.features.end()) return 0;
+    const std::string& text = named->second;
+    gint64 value = 0;
+    const auto [end, bad] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (bad == std::errc() && end == text.data() + text.size()) return value;
+    return fail(ErrorCode::invalid_input,
+                fmt::format("[camera.aravis.features] {} = {}: a whole number of pixels is wanted",
+                            offset, text));
+  };
+  if (auto set = set_offsets(none); !set) return set;
+  const CameraModel& model = rig_.camera.model;
+  GError* error = nullptr;
+  arv_camera_set_region(camera, -1, -1, model.width, model.height, &error);
   if (error) return gv_fail("set the image size", error);
-  arv_camera_get_region(camera_.get(), &x, &y, &width, &height, &error);
+  const gint64 width = arv_camera_get_integer(camera, "Width", &error);
+  const gint64 height = error ? 0 : arv_camera_get_integer(camera, "Height", &error);
   if (error) return gv_fail("read the image size back", error);
-  if (width != config.model.width || height != config.model.height)
+  if (width != model.width || height != model.height)
     return fail(ErrorCode::refused,
-                fmt::format("asked for {} × {} pixels, but the camera gives {} × {}",
-                            config.model.width, config.model.height, width, height));
-  return {};
+                fmt::format("asked for {} × {} pixels, but the camera gives {} × {}", model.width,
+                            model.height, width, height));
+  return set_offsets(of_the_rig);
 }
 
 Result<void> GvSession::configure_fixed_settings() {
   // Whatever adjusts itself would make frames incomparable. A model without the feature has nothing
   // to switch off.
-  for (const char* automatic : {"ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto"}) {
+  for (const char* automatic : {"ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto",
+                                "TestPattern", "TestImageSelector"}) {
     if (!has_entry(camera_.get(), automatic, "Off")) continue;
     if (auto set = set_text(camera_.get(), automatic, "Off"); !set) return set;
   }
-  if (has_feature(camera_.get(), "GammaEnable"))
-    if (auto set = set_off(camera_.get(), "GammaEnable"); !set) return set;
+  for (const char* curve : {"GammaEnable", "LUTEnable"})
+    if (has_feature(camera_.get(), curve))
+      if (auto set = set_off(camera_.get(), curve,
+                             "its counts would not be linear in light; set its curve to a "
+                             "straight line with the maker's tool and lock it off");
+          !set)
+        return set;
   if (has_entry(camera_.get(), "ExposureMode", "Timed"))
     if (auto set = set_text(camera_.get(), "ExposureMode", "Timed"); !set) return set;
   GError* error = nullptr;
@@ -226,31 +200,65 @@ Result<void> GvSession::configure_fixed_settings() {
   return {};
 }
 
-Result<void> GvSession::configure_trigger() {
-  GError* error = nullptr;
-  if (backend_.trigger == "software") {
-    if (!arv_camera_is_software_trigger_supported(camera_.get(), &error) || error) {
-      g_clear_error(&error);
-      return fail(ErrorCode::refused,
-                  "it has no software trigger: set trigger = \"single_frame\" in [camera.aravis]");
+// The sensor's numbers in the rig file hold at one gain: none, unless the rig file names one. A
+// black level has no such value of its own: it is as the user set has it, and said.
+Result<void> GvSession::configure_gain() {
+  if (!is_named("Gain") && !is_named("GainRaw") && !is_named("GainAbs")) {
+    const std::string selected = value_of(camera_.get(), "GainSelector");
+    for (const std::string& one : entries_of(camera_.get(), "GainSelector")) {
+      if (auto chosen = set_text(camera_.get(), "GainSelector", one); !chosen) return chosen;
+      if (auto set = set_least_gain(camera_.get()); !set)
+        return tl::unexpected(with_context(one, set.error()));
     }
-    arv_camera_set_acquisition_mode(camera_.get(), ARV_ACQUISITION_MODE_CONTINUOUS, &error);
-    if (!error) arv_camera_set_trigger(camera_.get(), "Software", &error);
-    if (error) return gv_fail("select the software trigger", error);
-    software_trigger_ = true;
-    return {};
+    if (!selected.empty())
+      if (auto back = set_text(camera_.get(), "GainSelector", selected); !back) return back;
+    if (auto set = set_least_gain(camera_.get()); !set) return set;
   }
-  if (has_entry(camera_.get(), "TriggerMode", "Off"))
-    if (auto set = set_text(camera_.get(), "TriggerMode", "Off"); !set) return set;
-  if (has_entry(camera_.get(), "AcquisitionMode", "SingleFrame")) {
-    arv_camera_set_acquisition_mode(camera_.get(), ARV_ACQUISITION_MODE_SINGLE_FRAME, &error);
-    if (!error) return {};
+  for (const char* level : {"Gain", "GainRaw", "BlackLevel", "BlackLevelRaw"})
+    if (const std::string value = value_of(camera_.get(), level); !value.empty())
+      identity_ += fmt::format("; {} {}", level, value);
+  return {};
+}
+
+// A trigger of any kind that somebody left on would be waited for, for ever.
+Result<void> GvSession::clear_triggers() {
+  const std::string selected = value_of(camera_.get(), "TriggerSelector");
+  for (const std::string& one : entries_of(camera_.get(), "TriggerSelector")) {
+    if (auto chosen = set_text(camera_.get(), "TriggerSelector", one); !chosen) return chosen;
+    if (!has_entry(camera_.get(), "TriggerMode", "Off")) continue;
+    if (auto off = set_text(camera_.get(), "TriggerMode", "Off"); !off)
+      return tl::unexpected(with_context(one, off.error()));
+  }
+  if (!selected.empty())
+    if (auto back = set_text(camera_.get(), "TriggerSelector", selected); !back) return back;
+  if (!has_entry(camera_.get(), "TriggerMode", "Off")) return {};
+  return set_text(camera_.get(), "TriggerMode", "Off");
+}
+
+Result<void> GvSession::configure_trigger() {
+  if (auto cleared = clear_triggers(); !cleared) return cleared;
+  if (backend_.trigger != "software") {
+    if (has_entry(camera_.get(), "AcquisitionMode", "SingleFrame") &&
+        set_text(camera_.get(), "AcquisitionMode", "SingleFrame"))
+      return {};
+    // The model has no single frame: run freely, take the first frame begun after the start, stop.
+    return set_text(camera_.get(), "AcquisitionMode", "Continuous");
+  }
+  GError* error = nullptr;
+  if (!arv_camera_is_software_trigger_supported(camera_.get(), &error) || error) {
     g_clear_error(&error);
+    return fail(ErrorCode::refused,
+                "it has no software trigger: set trigger = \"single_frame\" in [camera.aravis]");
   }
-  // The model has no single frame: run freely, take the first frame begun after the start, stop.
-  free_running_single_ = true;
-  arv_camera_set_acquisition_mode(camera_.get(), ARV_ACQUISITION_MODE_CONTINUOUS, &error);
-  if (error) return gv_fail("select continuous acquisition", error);
+  if (auto set = set_text(camera_.get(), "AcquisitionMode", "Continuous"); !set) return set;
+  arv_camera_set_trigger(camera_.get(), "Software", &error);
+  if (error) return gv_fail("select the software trigger", error);
+  for (const auto& [feature, wanted] :
+       {std::pair{"TriggerMode", "On"}, std::pair{"TriggerSource", "Software"}})
+    if (const std::string said = value_of(camera_.get(), feature); said != wanted)
+      return fail(ErrorCode::refused,
+                  fmt::format("set {} = {}, but the camera says {}", feature, wanted, said));
+  software_trigger_ = true;
   return {};
 }
 
@@ -263,7 +271,10 @@ Result<void> GvSession::configure_witnesses() {
   if (!left_alone && arv_camera_are_chunks_available(camera_.get(), nullptr) &&
       has_entry(camera_.get(), "ChunkSelector", "ExposureTime")) {
     arv_camera_set_chunks(camera_.get(), "ExposureTime", &error);
-    if (!error) chunks_.reset(arv_camera_create_chunk_parser(camera_.get()));
+    const bool active = !error && arv_camera_get_chunk_mode(camera_.get(), &error) != FALSE;
+    const bool written =
+        active && arv_camera_get_chunk_state(camera_.get(), "ExposureTime", &error) != FALSE;
+    if (!error && written) chunks_.reset(arv_camera_create_chunk_parser(camera_.get()));
     g_clear_error(&error);
   }
   for (const auto& [command, value] : {std::pair{"TimestampLatch", "TimestampLatchValue"},

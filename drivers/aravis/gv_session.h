@@ -37,9 +37,14 @@ class GvSession {
  private:
   GvSession(const Rig& rig, const AravisCamera& backend) : rig_(rig), backend_(backend) {}
   Result<void> connect();
+  Result<void> load_user_set();
+  bool is_named(const std::string& feature) const;
   Result<void> configure_features();
   Result<void> configure_format();
+  Result<void> configure_region();
   Result<void> configure_fixed_settings();
+  Result<void> configure_gain();
+  Result<void> clear_triggers();
   Result<void> configure_trigger();
   Result<void> configure_witnesses();
   Result<void> open_stream();
@@ -64,7 +69,6 @@ class GvSession {
   GRef<ArvStream> stream_;
   const PixelFormat* format_ = nullptr;
   std::string identity_;
-  bool free_running_single_ = false;  ///< no SingleFrame: start, take the first whole frame, stop
   bool software_trigger_ = false;
   bool stream_for_each_start_ = false;  ///< it counts frames anew from every start
   bool lost_ = false;

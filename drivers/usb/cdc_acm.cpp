@@ -24,6 +24,7 @@ constexpr std::uint16_t dtr_and_rts = 0x0003;
 constexpr unsigned control_timeout_ms = 1000;
 constexpr std::chrono::seconds arrival_patience{3};
 constexpr std::chrono::seconds settling_patience{1};
+constexpr std::chrono::milliseconds cancel_patience{500};
 
 /// ERROR, NO_DEVICE, IO and PIPE all mean that the device is gone, whatever the kernel calls it.
 ErrorCode code_of(int usb_error) {
@@ -57,6 +58,21 @@ std::string serial_of(libusb_device_handle* handle, std::uint8_t index) {
 }
 
 }  // namespace
+
+/// The transfer that waits for bytes; libusb fills it in whenever its events are handled.
+struct CdcAcm::Inbound {
+  libusb_transfer* transfer = libusb_alloc_transfer(0);
+  std::vector<unsigned char> buffer;
+  bool under_way = false;
+  int completed = 0;  ///< libusb's, set in its callback
+
+  Inbound() = default;
+  ~Inbound() { libusb_free_transfer(transfer); }
+  Inbound(const Inbound&) = delete;
+  Inbound& operator=(const Inbound&) = delete;
+};
+
+CdcAcm::CdcAcm() = default;
 
 void CdcAcm::CloseContext::operator()(libusb_context* context) const { libusb_exit(context); }
 
@@ -213,6 +229,7 @@ CdcAcm::CdcAcm(CdcAcm&& other) noexcept { *this = std::move(other); }
 CdcAcm& CdcAcm::operator=(CdcAcm&& other) noexcept {
   std::swap(context_, other.context_);
   std::swap(handle_, other.handle_);
+  std::swap(inbound_, other.inbound_);
   std::swap(control_interface_, other.control_interface_);
   std::swap(data_interface_, other.data_interface_);
   std::swap(bulk_in_, other.bulk_in_);
@@ -222,8 +239,24 @@ CdcAcm& CdcAcm::operator=(CdcAcm&& other) noexcept {
   return *this;
 }
 
+// The transfer that waits is taken back, which the device may answer late or, unplugged, at once.
+void CdcAcm::call_back() {
+  if (!inbound_ || !inbound_->under_way) return;
+  libusb_cancel_transfer(inbound_->transfer);
+  const auto end = std::chrono::steady_clock::now() + cancel_patience;
+  while (inbound_->completed == 0 && std::chrono::steady_clock::now() < end) {
+    timeval step{0, 10000};
+    libusb_handle_events_timeout_completed(context_.get(), &step, &inbound_->completed);
+  }
+  // libusb still has it: it may be filled in after we are gone, so it is left to it.
+  if (inbound_->completed == 0) (void)inbound_.release();
+  if (inbound_) inbound_->under_way = false;
+}
+
 void CdcAcm::give_back() {
   if (!handle_) return;
+  call_back();
+  inbound_.reset();
   if (data_interface_ >= 0) libusb_release_interface(handle_, data_interface_);
   if (control_interface_ >= 0 && control_interface_ != data_interface_)
     libusb_release_interface(handle_, control_interface_);
@@ -233,16 +266,53 @@ void CdcAcm::give_back() {
 
 CdcAcm::~CdcAcm() { give_back(); }
 
+Result<void> CdcAcm::ask_for_bytes() {
+  if (!inbound_) {
+    inbound_ = std::make_unique<Inbound>();
+    inbound_->buffer.resize(static_cast<std::size_t>(packet_));
+  }
+  if (inbound_->under_way) return {};
+  const auto on_completion = [](libusb_transfer* transfer) {
+    *static_cast<int*>(transfer->user_data) = 1;
+  };
+  libusb_fill_bulk_transfer(inbound_->transfer, handle_, bulk_in_, inbound_->buffer.data(), packet_,
+                            on_completion, &inbound_->completed, 0);
+  inbound_->completed = 0;
+  if (const int error = libusb_submit_transfer(inbound_->transfer); error != 0)
+    return usb_fail(name_ + ": read", error);
+  inbound_->under_way = true;
+  return {};
+}
+
 Result<std::string> CdcAcm::read_some(std::chrono::milliseconds patience) {
-  std::vector<unsigned char> buffer(static_cast<std::size_t>(packet_));
-  int got = 0;
-  // A timeout of 0 would mean for ever.
-  const auto timeout = static_cast<unsigned>(std::max<long>(1, patience.count()));
-  const int error = libusb_bulk_transfer(handle_, bulk_in_, buffer.data(), packet_, &got, timeout);
-  if (error == 0 || error == LIBUSB_ERROR_TIMEOUT)
-    return std::string(buffer.begin(), buffer.begin() + got);
-  if (error == LIBUSB_ERROR_PIPE) clear_halt(bulk_in_);
-  return usb_fail(name_ + ": read", error);
+  if (auto asked = ask_for_bytes(); !asked) return tl::unexpected(asked.error());
+  const auto end = std::chrono::steady_clock::now() + patience;
+  while (inbound_->completed == 0) {
+    const auto left = std::max(std::chrono::microseconds(0),
+                               std::chrono::duration_cast<std::chrono::microseconds>(
+                                   end - std::chrono::steady_clock::now()));
+    timeval step{left.count() / 1000000, left.count() % 1000000};
+    const int error =
+        libusb_handle_events_timeout_completed(context_.get(), &step, &inbound_->completed);
+    if (error != 0 && error != LIBUSB_ERROR_INTERRUPTED) return usb_fail(name_ + ": read", error);
+    if (inbound_->completed == 0 && left.count() == 0) return std::string();
+  }
+  inbound_->under_way = false;
+  switch (inbound_->transfer->status) {
+    case LIBUSB_TRANSFER_COMPLETED:
+    case LIBUSB_TRANSFER_CANCELLED: {
+      const auto begin = inbound_->buffer.begin();
+      std::string bytes(begin, begin + inbound_->transfer->actual_length);
+      if (auto asked = ask_for_bytes(); !asked && bytes.empty())
+        return tl::unexpected(asked.error());
+      return bytes;
+    }
+    case LIBUSB_TRANSFER_STALL:
+      clear_halt(bulk_in_);
+      return usb_fail(name_ + ": read", LIBUSB_ERROR_PIPE);
+    default:
+      return usb_fail(name_ + ": read", LIBUSB_ERROR_NO_DEVICE);
+  }
 }
 
 Result<void> CdcAcm::write_all(std::string_view bytes, std::chrono::milliseconds patience) {

@@ -26,7 +26,8 @@ class CdcAcm {
   CdcAcm& operator=(CdcAcm&&) noexcept;
   ~CdcAcm();
 
-  /// As SerialPort's.
+  /// As SerialPort's. One transfer waits at the device all the time: a look at what has come, with
+  /// no patience, costs no wait.
   Result<std::string> read_some(std::chrono::milliseconds patience);
   Result<void> write_all(std::string_view bytes, std::chrono::milliseconds patience);
 
@@ -34,7 +35,10 @@ class CdcAcm {
   struct CloseContext {
     void operator()(libusb_context* context) const;
   };
-  CdcAcm() = default;
+  struct Inbound;
+  CdcAcm();
+  Result<void> ask_for_bytes();
+  void call_back();
   Result<void> find(const UsbEndpoint& endpoint);
   bool arrives(const UsbEndpoint& endpoint);
   void clear_halt(std::uint8_t endpoint);
@@ -44,6 +48,7 @@ class CdcAcm {
 
   std::unique_ptr<libusb_context, CloseContext> context_;
   libusb_device_handle* handle_ = nullptr;
+  std::unique_ptr<Inbound> inbound_;  ///< made at the first read
   int control_interface_ = -1, data_interface_ = -1;
   std::uint8_t bulk_in_ = 0, bulk_out_ = 0;
   int packet_ = 64;  ///< [byte] of the bulk IN endpoint

@@ -16,6 +16,10 @@ using namespace std::chrono_literals;
 constexpr char feed_hold = '!';
 constexpr std::chrono::milliseconds poll_interval{20};
 constexpr std::chrono::milliseconds farewell{500};
+constexpr std::chrono::milliseconds queueing_patience{2000};
+/// A position beside a move's way counts from the second report: one may be damaged.
+constexpr int reports_that_agree = 2;
+constexpr double way_slack = 0.002;  // of an axis' travel
 constexpr double unknown_position = std::numeric_limits<double>::quiet_NaN();
 /// Polls that may say Idle away from the target before the move counts as failed: the planner
 /// starts a move within one.
@@ -177,8 +181,10 @@ Result<void> GrblGantryDevice::move_to(const GantryPosition& position, const Unt
   if (!before->homed) return fail(ErrorCode::refused, "not homed: home first");
   if (!before->open_interlocks.empty())
     return fail(ErrorCode::refused, "interlock open: " + before->open_interlocks.front());
-  Result<void> done = controller_->link.command(move_command(before->position, position), until);
-  if (done) done = wait_for_arrival(position, until);
+  // At rest its ok comes at once; one that was lost is not waited for as long as the move may take.
+  const Until soon{std::min(until.deadline, clock_.now() + queueing_patience), until.stop};
+  Result<void> done = controller_->link.command(move_command(before->position, position), soon);
+  if (done) done = wait_for_arrival(before->position, position, until);
   if (!done) {
     tell_to_stop();
     return tl::unexpected(with_context("move", done.error()));
@@ -186,10 +192,27 @@ Result<void> GrblGantryDevice::move_to(const GantryPosition& position, const Unt
   return {};
 }
 
+// A straight way stays between its ends. Lines have no checksum: a digit that was lost may have
+// made another target of ours, beyond what the rig allows.
+bool GrblGantryDevice::leaves_way(const GantryPosition& from, const GantryPosition& to,
+                                  const GantryPosition& here) const {
+  for (std::size_t i = 0; i < model_.axes.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    const Axis& axis = model_.axes[i];
+    const auto [least, most] = std::minmax(from.axes[row], to.axes[row]);
+    const double slack = 5 * (axis.rotary ? model_.tolerance : model_.linear_tolerance) +
+                         way_slack * (axis.max - axis.min);
+    if (here.axes[row] < least - slack || here.axes[row] > most + slack) return true;
+  }
+  return false;
+}
+
 // ok means queued, not done. Arrival is Idle within tolerance; Idle elsewhere is only believed
 // after the planner had time to start.
-Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& target, const Until& until) {
+Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& from,
+                                                const GantryPosition& target, const Until& until) {
   int idle_elsewhere = 0;
+  int beside_way = 0;
   for (;;) {
     auto now = status(until);
     if (!now) return tl::unexpected(now.error());
@@ -206,6 +229,12 @@ Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& target, co
               "or {:.4g} m",
               off, model_.tolerance, model_.linear_tolerance));
     if (!now->at_rest) idle_elsewhere = 0;
+    beside_way = leaves_way(from, target, now->position) ? beside_way + 1 : 0;
+    if (beside_way >= reports_that_agree)
+      return fail(ErrorCode::timed_out,
+                  fmt::format("it leaves the way to its target, {:.4g} (rad or m) from the target: "
+                              "was the command damaged? check the cable and its shield",
+                              off));
     clock_.sleep_until(clock_.now() + poll_interval, until.stop);
   }
 }
@@ -260,9 +289,25 @@ Result<void> GrblLampDevice::set(double power, const Until& until) {
   // a reset switches every output off, and locked axes are at rest.
   if (!done && power == 0 && done.error().code == ErrorCode::refused)
     done = controller_->link.reset(until);
+  if (done) done = check_spindle(power, until);
   if (!done) return tl::unexpected(with_context("switch the lamp", done.error()));
   power_ = power;
   return {};
+}
+
+// A digit that was lost on the way makes another power of it. Reports have whole numbers only.
+Result<void> GrblLampDevice::check_spindle(double power, const Until& until) {
+  const auto full = controller_->settings.find(30);
+  if (output_ != "spindle" || full == controller_->settings.end()) return {};
+  const auto report = controller_->link.status(until);
+  if (!report) return tl::unexpected(report.error());
+  const double wanted = power * full->second;
+  if (!report->spindle || std::abs(*report->spindle - wanted) <= 1 + 0.005 * wanted) return {};
+  return fail(
+      ErrorCode::timed_out,
+      fmt::format("asked for S{:.1f}, but the controller says S{}: check $31, and the cable "
+                  "and its shield",
+                  wanted, *report->spindle));
 }
 
 Result<LampState> GrblLampDevice::state(const Until& until) {

@@ -30,7 +30,10 @@ class GrblGantryDevice final : public Gantry {
   Result<void> clear_fault(const Until& until) override;
 
  private:
-  Result<void> wait_for_arrival(const GantryPosition& target, const Until& until);
+  Result<void> wait_for_arrival(const GantryPosition& from, const GantryPosition& target,
+                                const Until& until);
+  bool leaves_way(const GantryPosition& from, const GantryPosition& to,
+                  const GantryPosition& here) const;
   Result<void> settle_stop(const Until& until);
   std::string move_command(const GantryPosition& from, const GantryPosition& to) const;
   GantryPosition position_of(const grbl::StatusReport& report) const;
@@ -61,6 +64,7 @@ class GrblLampDevice final : public Lamp {
 
  private:
   std::string command_for(double power) const;
+  Result<void> check_spindle(double power, const Until& until);
 
   const std::string output_;
   const double most_;

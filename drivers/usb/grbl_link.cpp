@@ -15,6 +15,12 @@ constexpr std::chrono::milliseconds read_step{5};
 constexpr std::chrono::milliseconds write_patience{250};
 constexpr std::chrono::milliseconds rest_poll{10};
 constexpr std::chrono::milliseconds homing_look{1000};
+/// A report comes within a few milliseconds; asked for again, a lost one costs no more than this.
+constexpr std::chrono::milliseconds report_patience{200};
+constexpr std::chrono::milliseconds acknowledge_patience{500};
+/// A hundred lines at 9600 baud, and a controller that is busy with its EEPROM.
+constexpr std::chrono::milliseconds settings_patience{3000};
+constexpr int most_settings_readings = 5;
 /// A report later than this after the question was given up is beyond what a link can repair.
 constexpr std::chrono::milliseconds quiet_after_silence{100};
 
@@ -139,7 +145,24 @@ Result<void> GrblLink::command(const std::string& text, const Until& until) {
     auto line = next_line(until);
     if (!line) return tl::unexpected(line.error());
     if (!*line) return fail(ErrorCode::timed_out, fmt::format("\"{}\": no answer in time", text));
-    if (auto answer = answer_in(**line, text)) return *answer;
+    if (auto answer = answer_in(**line, text)) {
+      if ((*line)->kind == grbl::Line::Kind::error) acknowledge_error(until);
+      return *answer;
+    }
+  }
+}
+
+// grblHAL answers every line with the error that was, and obeys none, until an empty one. Where
+// that is not acknowledged the next command begins with a reset.
+void GrblLink::acknowledge_error(const Until& until) {
+  if (!hal_) return;
+  in_step_ = false;
+  if (!send("\n")) return;
+  const Until soon{std::min(until.deadline, clock_->now() + acknowledge_patience), until.stop};
+  while (!in_step_) {
+    const auto line = next_line(soon);
+    if (!line || !*line) return;
+    (void)answer_in(**line, "");
   }
 }
 
@@ -160,7 +183,10 @@ Result<void> GrblLink::home(const Until& until) {
       if (auto asked = realtime('?'); !asked) return asked;
       continue;
     }
-    if (auto answer = answer_in(**line, text)) return *answer;
+    if (auto answer = answer_in(**line, text)) {
+      if ((*line)->kind == grbl::Line::Kind::error) acknowledge_error(until);
+      return *answer;
+    }
     if ((*line)->kind != grbl::Line::Kind::status) continue;
     report_owed_ = false;
     if (const auto report = grbl::parse_status((*line)->text))
@@ -178,19 +204,35 @@ Result<grbl::StatusReport> GrblLink::status(const Until& until) {
   if (auto clean = forget_what_came(quiet); !clean) return tl::unexpected(clean.error());
   if (mute()) return halted();
   report_owed_ = true;
-  if (auto sent = realtime('?'); !sent) return tl::unexpected(sent.error());
+  int asked = 0;
+  Until ask_again = until;
+  const auto ask = [&] {
+    ++asked;
+    ask_again.deadline = std::min(until.deadline, clock_->now() + report_patience);
+    return realtime('?');
+  };
+  if (auto sent = ask(); !sent) return tl::unexpected(sent.error());
   std::string silence = "no status report in time";
   for (;;) {
-    auto line = next_line(until);
+    auto line = next_line(ask_again);
     if (!line) return tl::unexpected(line.error());
-    if (!*line) return fail(ErrorCode::timed_out, silence);
+    if (!*line && clock_->now() >= until.deadline) return fail(ErrorCode::timed_out, silence);
+    if (!*line) {
+      if (auto sent = ask(); !sent) return tl::unexpected(sent.error());
+      continue;
+    }
     if (mute()) return halted();
     if ((*line)->kind == grbl::Line::Kind::banner)
       return fail(ErrorCode::disconnected, "the controller restarted");
     if ((*line)->kind != grbl::Line::Kind::status) continue;
     auto report = grbl::parse_status((*line)->text);
-    if (!report) continue;  // damaged on the way: the next poll tells
-    if (report->work_offset) work_offset_ = *report->work_offset;
+    if (!report) continue;  // damaged on the way: the next one tells
+    if (report->work_offset) {
+      // Every position hangs on it from then on: one report may be damaged, two agree.
+      if (said_offset_ == *report->work_offset) work_offset_ = said_offset_;
+      if (said_offset_ != *report->work_offset) work_offset_.clear();
+      said_offset_ = *report->work_offset;
+    }
     if (!report->machine_position && report->work_position &&
         report->work_position->size() == work_offset_.size()) {
       report->machine_position = report->work_position;
@@ -205,11 +247,12 @@ Result<grbl::StatusReport> GrblLink::status(const Until& until) {
       continue;  // an axis that is missing is not at zero
     }
     if (report->machine_position) {
-      report_owed_ = false;
+      report_owed_ = asked > 1;  // an earlier one may still come
       return *report;
     }
     // Work positions without their offset yet: it comes with one of the next reports.
-    if (auto sent = realtime('?'); !sent) return tl::unexpected(sent.error());
+    if (auto sent = ask(); !sent) return tl::unexpected(sent.error());
+    asked = 1;
   }
 }
 
@@ -224,6 +267,7 @@ Result<void> GrblLink::reset(const Until& until) {
                   "no banner: is this port a GRBL controller, and is the baud rate right?");
     if ((*line)->kind != grbl::Line::Kind::banner) continue;
     in_step_ = true;
+    hal_ = (*line)->text.starts_with("GrblHAL");
     return {};
   }
 }
@@ -256,16 +300,36 @@ Result<grbl::StatusReport> GrblLink::release(const Until& until) {
 }
 
 Result<std::map<int, double>> GrblLink::settings(const Until& until) {
+  std::optional<std::map<int, double>> before;
+  for (int reading = 0; reading < most_settings_readings; ++reading) {
+    auto now = read_settings(until);
+    if (now && before == *now) return now;
+    if (now) {
+      before = std::move(*now);
+      continue;
+    }
+    // Its ok was lost: only a reset tells that nothing more comes.
+    if (now.error().code != ErrorCode::timed_out || clock_->now() >= until.deadline) return now;
+    before.reset();
+    if (auto done = reset(until); !done) return tl::unexpected(done.error());
+  }
+  return fail(ErrorCode::timed_out,
+              "\"$$\": no two readings of the settings agree; check the cable and its shield");
+}
+
+Result<std::map<int, double>> GrblLink::read_settings(const Until& until) {
   std::map<int, double> settings;
-  if (auto sent = send("$$\n"); !sent) return tl::unexpected(sent.error());
+  if (auto begun = begin("$$", until); !begun) return tl::unexpected(begun.error());
+  const Until soon{std::min(until.deadline, clock_->now() + settings_patience), until.stop};
   for (;;) {
-    auto line = next_line(until);
+    auto line = next_line(soon);
     if (!line) return tl::unexpected(line.error());
     if (!*line) return fail(ErrorCode::timed_out, "\"$$\": no answer in time");
     if ((*line)->kind == grbl::Line::Kind::setting) settings[(*line)->number] = (*line)->value;
-    if ((*line)->kind == grbl::Line::Kind::ok) return settings;
-    if ((*line)->kind == grbl::Line::Kind::error)
-      return fail(ErrorCode::refused, "\"$$\": " + (*line)->text);
+    if (auto answer = answer_in(**line, "$$")) {
+      if (!*answer) return tl::unexpected(answer->error());
+      return settings;
+    }
   }
 }
 

@@ -22,7 +22,8 @@ class GrblLink {
   static Result<GrblLink> open(const GrblEndpoint& endpoint, std::size_t axes, Clock& clock,
                                const Until& until);
 
-  /// Sends a line and waits for its ok. Errors: refused (error:N, ALARM:N with their meaning),
+  /// Sends a line and waits for its ok. An error is acknowledged where the firmware wants that
+  /// (grblHAL). Errors: refused (error:N, ALARM:N with their meaning),
   /// timed_out, stopped, disconnected.
   Result<void> command(const std::string& line, const Until& until);
   /// Homes; its ok comes when it has ended. Meanwhile the controller is asked now and then whether
@@ -30,8 +31,9 @@ class GrblLink {
   Result<void> home(const Until& until);
   /// A real-time byte: never acknowledged, never queued.
   Result<void> realtime(char byte);
-  /// Asks for a status report and waits for it; the machine position is always filled in, for every
-  /// axis that the rig file names. A report with fewer numbers is damaged, and no report.
+  /// Asks for a status report and waits for it, asking again where none comes; the machine position
+  /// is always filled in, for every axis that the rig file names. A report with fewer numbers is
+  /// damaged, and no report.
   Result<grbl::StatusReport> status(const Until& until);
   /// Soft reset; every pending ok is void. Waits for the banner.
   Result<void> reset(const Until& until);
@@ -39,7 +41,8 @@ class GrblLink {
   /// it is reset, which is done once it rests, where a reset keeps the position. A door still open
   /// holds it again at once; then the state says so.
   Result<grbl::StatusReport> release(const Until& until);
-  /// The controller's $ settings.
+  /// The controller's $ settings, as two readings in a row have them: a line of one may be lost or
+  /// damaged on the way, and nothing in it would tell.
   Result<std::map<int, double>> settings(const Until& until);
 
   /// ALARM:N seen and not forgotten since; 0 for none. A reset unlocks the wire, it mends nothing.
@@ -56,6 +59,8 @@ class GrblLink {
   Result<void> forget_what_came(std::chrono::milliseconds quiet);
   Result<void> send(std::string_view bytes);
   Result<void> begin(const std::string& line, const Until& until);
+  void acknowledge_error(const Until& until);
+  Result<std::map<int, double>> read_settings(const Until& until);
   std::optional<Result<void>> answer_in(const grbl::Line& line, const std::string& text);
   tl::unexpected<Error> halted() const;
   void heed_alarm(int number);
@@ -64,9 +69,11 @@ class GrblLink {
   std::size_t axes_;  ///< numbers that a position must have
   Clock* clock_;
   grbl::LineAssembler lines_;
-  std::vector<double> work_offset_;
+  std::vector<double> work_offset_;  ///< empty until two reports have told the same
+  std::vector<double> said_offset_;  ///< by the last report that told one
   int alarm_ = 0;
   bool mute_ = false;
+  bool hal_ = false;          ///< grblHAL, by its banner
   bool report_owed_ = false;  ///< a status report was asked for and never came
   bool in_step_ =
       true;  ///< false while an answer is owed: GRBL's answers carry no number to tell them apart

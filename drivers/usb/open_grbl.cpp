@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
+#include <vector>
 
 #include "drivers/backends.h"
 #include "drivers/usb/grbl_gantry.h"
@@ -11,20 +13,33 @@
 namespace lightrig {
 namespace {
 
-constexpr std::chrono::seconds opening_time{8};  // some controllers boot for seconds after DTR
+constexpr std::chrono::seconds opening_time{12};  // some controllers boot for seconds after DTR
 
-double setting_of(const std::map<int, double>& settings, int number) {
-  const auto found = settings.find(number);
-  return found == settings.end() ? 0.0 : found->second;
+/// What the rig relies on must be there: a setting that is missing is not 0.
+Result<void> require(const std::map<int, double>& settings, const std::vector<int>& numbers) {
+  for (const int number : numbers)
+    if (!settings.contains(number))
+      return fail(ErrorCode::refused,
+                  fmt::format("the controller's settings (\"$$\") have no ${}: is this GRBL 1.1 or "
+                              "grblHAL, with that axis and output?",
+                              number));
+  return {};
+}
+
+// grblHAL adds bits for what may home by itself.
+bool homing_is_on(const std::map<int, double>& settings) {
+  return static_cast<long>(settings.at(22)) % 2 != 0;
 }
 
 /// That a lamp on this output can be switched, and by how much.
 Result<void> check_output(const std::string& output, const std::map<int, double>& settings) {
-  if (output == "spindle" && setting_of(settings, 32) != 0)
+  if (output == "spindle")
+    if (auto there = require(settings, {30, 32}); !there) return there;
+  if (output == "spindle" && settings.at(32) != 0)
     return fail(ErrorCode::refused,
                 "laser mode is on ($32=1): the lamp would go dark whenever the controller rests; "
                 "set $32=0");
-  if (output == "spindle" && !(setting_of(settings, 30) > 0))
+  if (output == "spindle" && !(settings.at(30) > 0))
     return fail(ErrorCode::refused,
                 "the controller's full spindle speed is 0 ($30=0), so the lamp's power means "
                 "nothing: set $30=1000");
@@ -37,8 +52,12 @@ Result<void> check_output(const std::string& output, const std::map<int, double>
 
 Result<void> check_settings(const Rig& rig, const GrblGantry& backend,
                             const std::map<int, double>& settings) {
-  const auto setting = [&](int number) { return setting_of(settings, number); };
-  if (setting(22) < 1)
+  std::vector<int> relied_on{13, 22};
+  for (const char letter : backend.letters)
+    relied_on.push_back(120 + static_cast<int>(grbl::machine_axis(letter)));
+  if (auto there = require(settings, relied_on); !there) return there;
+  const auto setting = [&](int number) { return settings.at(number); };
+  if (!homing_is_on(settings))
     return fail(ErrorCode::refused,
                 "homing is off in the controller ($22=0): without it positions mean nothing; "
                 "set $22=1");
@@ -46,7 +65,9 @@ Result<void> check_settings(const Rig& rig, const GrblGantry& backend,
     return fail(ErrorCode::refused, "the controller reports inches ($13=1): set $13=0");
   for (std::size_t i = 0; i < backend.letters.size(); ++i) {
     const int axis = static_cast<int>(grbl::machine_axis(backend.letters[i]));
-    const double allowed = rig.gantry.model.axes[i].max_acceleration * backend.units_per_si[i];
+    // A negative number of units turns the sense, not the speeds.
+    const double allowed =
+        rig.gantry.model.axes[i].max_acceleration * std::abs(backend.units_per_si[i]);
     if (setting(120 + axis) > allowed * 1.001)
       return fail(
           ErrorCode::refused,
@@ -90,7 +111,8 @@ Result<std::unique_ptr<Lamp>> open_lamp(const Rig& rig, const GrblLamp& backend,
   auto controls = open_controller(backend.endpoint, 0, clock);
   if (!controls) return tl::unexpected(controls.error());
   // Locked until it is homed, it would switch nothing; and it has no axes to home.
-  if (setting_of(controls->settings, 22) != 0)
+  if (auto there = require(controls->settings, {22}); !there) return tl::unexpected(there.error());
+  if (homing_is_on(controls->settings))
     return fail(ErrorCode::refused,
                 "homing is on in the lamp's controller ($22=1), which then obeys nothing until it "
                 "is homed: set $22=0, and power it anew");

@@ -16,18 +16,30 @@ std::chrono::nanoseconds nanoseconds_of(double seconds) {
   return std::chrono::nanoseconds(std::llround(seconds * 1e9));
 }
 
-/// Counts of the sensor as a format carries them: cut or filled up at the low end, after the gain,
-/// which is digital.
-RawImage in_format(const RawImage& image, const CameraBody& body, const PixelFormat& format,
-                   double gain_db, int rows) {
-  RawImage out{image.width, rows, {}};
-  out.counts.assign(image.counts.begin(),
-                    image.counts.begin() + static_cast<std::ptrdiff_t>(rows) * image.width);
-  if (gain_db > 0) {
-    const double factor = std::pow(10, gain_db / 20);
+/// The part of the sensor that is sent, mirrored where that is asked for.
+RawImage part_of(const RawImage& image, const CaptureSettings& settings, int rows) {
+  RawImage out{settings.width, rows, {}};
+  out.counts.reserve(static_cast<std::size_t>(out.width) * static_cast<std::size_t>(rows));
+  for (int row = 0; row < rows; ++row) {
+    const auto begin = image.counts.begin() +
+                       static_cast<std::ptrdiff_t>(row + settings.y) * image.width + settings.x;
+    const auto end = out.counts.insert(out.counts.end(), begin, begin + settings.width);
+    if (settings.reverse_x) std::reverse(end, out.counts.end());
+  }
+  return out;
+}
+
+/// Counts of the sensor as a format carries them: cut or filled up at the low end, after gain and
+/// black level, which are digital.
+RawImage in_format(const RawImage& image, const CameraBody& body, const CaptureSettings& settings,
+                   int rows) {
+  const PixelFormat& format = *settings.format;
+  RawImage out = part_of(image, settings, rows);
+  if (settings.gain > 0 || settings.black_level != body.black_level) {
+    const double factor = std::pow(10, settings.gain / 20);
     const double white = (1 << body.bits) - 1;
     for (std::uint16_t& count : out.counts) {
-      const double amplified = body.black_level + factor * (count - body.black_level);
+      const double amplified = settings.black_level + factor * (count - body.black_level);
       count = static_cast<std::uint16_t>(std::clamp(amplified, 0.0, white));
     }
   }
@@ -145,10 +157,17 @@ void Acquisition::take(const Shot& shot, const std::stop_token& run) {
   clock_.sleep_until(begin + nanoseconds_of(exposure + body_.readout_time), run);
   if (run.stop_requested()) return;
 
-  const int rows = strikes(struck, CameraFaultKind::wrong_size) ? body_.height / 2 : body_.height;
+  const CaptureSettings& settings = shot.settings;
+  const int rows =
+      strikes(struck, CameraFaultKind::wrong_size) ? settings.height / 2 : settings.height;
   WireFrame wire;
-  wire.facts = {shot.timestamp, shot.settings.format->code, static_cast<std::uint32_t>(body_.width),
-                static_cast<std::uint32_t>(rows), shot.settings.chunk_mode};
+  wire.facts.timestamp = shot.timestamp;
+  wire.facts.pixel_format = settings.format->code;
+  wire.facts.width = static_cast<std::uint32_t>(settings.width);
+  wire.facts.height = static_cast<std::uint32_t>(rows);
+  wire.facts.x = static_cast<std::uint32_t>(settings.x);
+  wire.facts.y = static_cast<std::uint32_t>(settings.y);
+  wire.facts.chunks = settings.chunk_mode;
   ++taken_;
   wire.data = encode(*frame, shot, exposure, rows);
   if (strikes(struck, CameraFaultKind::stale_frame)) {
@@ -163,7 +182,7 @@ std::vector<std::uint8_t> Acquisition::encode(const Frame& frame, const Shot& sh
                                               int rows) const {
   const CaptureSettings& settings = shot.settings;
   const std::vector<std::byte> image =
-      pack(*settings.format, in_format(frame.counts, body_, *settings.format, settings.gain, rows));
+      pack(*settings.format, in_format(frame.counts, body_, settings, rows));
   Packet data(image.size());
   std::ranges::transform(image, data.begin(),
                          [](std::byte b) { return std::to_integer<std::uint8_t>(b); });
@@ -171,7 +190,8 @@ std::vector<std::uint8_t> Acquisition::encode(const Frame& frame, const Shot& sh
   append32(data, image_chunk_id);
   append32(data, static_cast<std::uint32_t>(image.size()));
   const std::array<std::uint64_t, chunk_count> values = {
-      taken_, std::bit_cast<std::uint64_t>(exposure * 1e6), shot.timestamp, 0, 0};
+      taken_, std::bit_cast<std::uint64_t>(exposure * 1e6), shot.timestamp,
+      static_cast<std::uint64_t>(settings.x), static_cast<std::uint64_t>(settings.y)};
   for (std::size_t i = 0; i < chunk_count; ++i)
     if (settings.chunks[i]) append_chunk(data, values[i], chunk_id(static_cast<Chunk>(i)));
   return data;

@@ -34,7 +34,12 @@ constexpr std::uint32_t writable[] = {
     reg_acquisition_mode,
     reg_acquisition_start,
     reg_acquisition_stop,
+    reg_offset_x,
+    reg_offset_y,
+    reg_reverse_x,
+    reg_user_set_load,
     reg_trigger_mode,
+    reg_trigger_mode + 4,
     reg_trigger_source,
     reg_trigger_software,
     reg_frame_rate_enable,
@@ -47,7 +52,8 @@ constexpr std::uint32_t writable[] = {
     reg_chunk_enable + 12,
     reg_chunk_enable + 16,
 };
-constexpr std::uint32_t writable_numbers[] = {reg_exposure_time, reg_gain, reg_frame_rate};
+constexpr std::uint32_t writable_numbers[] = {reg_exposure_time, reg_gain, reg_frame_rate,
+                                              reg_black_level};
 
 bool is_number(std::uint32_t address) {
   return std::ranges::find(writable_numbers, address) != std::end(writable_numbers);
@@ -106,6 +112,12 @@ void CameraRegisters::fill_features() {
   set_number(reg_exposure_time, std::clamp(0.01, body_.min_exposure, body_.max_exposure) * 1e6);
   set_number(reg_frame_rate, 10);
   set_number(reg_temperature, 25);
+  set_number(reg_black_level, body_.black_level);
+}
+
+void CameraRegisters::load_default_user_set() {
+  std::fill(memory_.begin() + reg_width, memory_.end(), std::uint8_t{0});
+  fill_features();
 }
 
 std::uint32_t CameraRegisters::word(std::uint32_t address) const {
@@ -151,9 +163,13 @@ GvStatus CameraRegisters::accept_word(std::uint32_t address, std::uint32_t value
   const auto allow = [](bool good) { return good ? GvStatus::ok : GvStatus::invalid_parameter; };
   switch (address) {
     case reg_width:
-      return allow(value == static_cast<std::uint32_t>(body_.width));
+      return allow(value >= least_size && value + word(reg_offset_x) <= word(reg_sensor_width));
     case reg_height:
-      return allow(value == static_cast<std::uint32_t>(body_.height));
+      return allow(value >= least_size && value + word(reg_offset_y) <= word(reg_sensor_height));
+    case reg_offset_x:
+      return allow(value <= word(reg_sensor_width) - word(reg_width));
+    case reg_offset_y:
+      return allow(value <= word(reg_sensor_height) - word(reg_height));
     case reg_pixel_format: {
       const auto formats = offered_formats(body_.filter);
       return allow(std::ranges::any_of(formats, [&](auto* f) { return f->code == value; }));
@@ -167,6 +183,8 @@ GvStatus CameraRegisters::accept_word(std::uint32_t address, std::uint32_t value
     case reg_trigger_source:
       return allow(value == software_source || value == line_source);
     case reg_trigger_mode:
+    case reg_trigger_mode + 4:
+    case reg_reverse_x:
     case reg_frame_rate_enable:
     case reg_chunk_mode:
     case reg_gamma_enable:
@@ -185,6 +203,8 @@ GvStatus CameraRegisters::accept_number(std::uint32_t address, double value) con
   } else if (address == reg_frame_rate) {
     least = least_frame_rate;
     most = most_frame_rate;
+  } else if (address == reg_black_level) {
+    most = (1 << body_.bits) - 1;
   }
   return value >= least && value <= most ? GvStatus::ok : GvStatus::invalid_parameter;
 }
@@ -214,7 +234,7 @@ GvStatus CameraRegisters::write(std::uint32_t address, std::span<const std::uint
 
 std::uint32_t CameraRegisters::payload_size() const {
   const CaptureSettings now = settings();
-  std::size_t size = payload_bytes(*now.format, body_.width, body_.height);
+  std::size_t size = payload_bytes(*now.format, now.width, now.height);
   if (now.chunk_mode) {
     size += chunk_tail_bytes;
     for (const bool enabled : now.chunks) size += enabled ? chunk_bytes + chunk_tail_bytes : 0;
@@ -228,9 +248,18 @@ CaptureSettings CameraRegisters::settings() const {
   now.exposure =
       std::clamp(number(reg_exposure_time) / 1e6, body_.min_exposure, body_.max_exposure);
   now.gain = number(reg_gain);
+  now.black_level = number(reg_black_level);
+  now.x = static_cast<int>(word(reg_offset_x));
+  now.y = static_cast<int>(word(reg_offset_y));
+  now.width = static_cast<int>(word(reg_width));
+  now.height = static_cast<int>(word(reg_height));
+  now.reverse_x = word(reg_reverse_x) == 1;
   now.single_frame = word(reg_acquisition_mode) == single_frame_mode;
-  now.triggered = word(reg_trigger_mode) == 1;
-  now.software_trigger = now.triggered && word(reg_trigger_source) == software_source;
+  // Nobody here pulls the line that an acquisition's trigger waits for.
+  const bool waits_for_line = word(reg_trigger_mode + 4) == 1;
+  now.triggered = word(reg_trigger_mode) == 1 || waits_for_line;
+  now.software_trigger =
+      now.triggered && !waits_for_line && word(reg_trigger_source) == software_source;
   now.frame_period = word(reg_frame_rate_enable) == 1 ? 1 / number(reg_frame_rate) : 0;
   now.chunk_mode = word(reg_chunk_mode) == 1;
   for (std::size_t i = 0; i < chunk_count; ++i)

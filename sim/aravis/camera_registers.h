@@ -15,7 +15,7 @@ namespace lightrig::sim {
 struct CameraBody {
   std::string address = "127.0.0.1";  ///< IPv4 of this host that the camera answers at
   std::string serial = "SIM1";        ///< at most 15 letters
-  int width = 0, height = 0;          ///< [px] of the sensor; a frame is always all of it
+  int width = 0, height = 0;          ///< [px] of the sensor; a frame is all of it or a part
   ColorFilter filter = ColorFilter::mono;
   int bits = 12;                              ///< of the sensor's counts
   double black_level = 0;                     ///< [DN] of those counts
@@ -48,18 +48,23 @@ enum Register : std::uint32_t {
   reg_acquisition_mode = 0xa018,
   reg_acquisition_start = 0xa01c,
   reg_acquisition_stop = 0xa020,
-  reg_trigger_mode = 0xa024,
   reg_trigger_source = 0xa028,
   reg_trigger_software = 0xa02c,
   reg_frame_rate_enable = 0xa030,
   reg_device_reset = 0xa034,
   reg_chunk_mode = 0xa038,
   reg_gamma_enable = 0xa03c,
-  reg_chunk_enable = 0xa040,   ///< one word per chunk, in the order of Chunk
+  reg_chunk_enable = 0xa040,  ///< one word per chunk, in the order of Chunk
+  reg_offset_x = 0xa054,
+  reg_offset_y = 0xa058,
+  reg_reverse_x = 0xa05c,
+  reg_user_set_load = 0xa060,
+  reg_trigger_mode = 0xa064,   ///< one word per trigger: a frame's, then an acquisition's
   reg_exposure_time = 0xa080,  ///< [us], double
   reg_gain = 0xa088,           ///< [dB], double
   reg_frame_rate = 0xa090,     ///< [Hz], double
   reg_temperature = 0xa098,    ///< [°C], double
+  reg_black_level = 0xa0a0,    ///< [DN] of the sensor's counts, double
   reg_genicam = 0x100000,
 };
 
@@ -74,13 +79,17 @@ constexpr std::uint32_t image_chunk_id = 0xc0de0000U;
 constexpr std::uint32_t continuous_mode = 1, single_frame_mode = 2;
 constexpr std::uint32_t software_source = 0, line_source = 1;
 constexpr double most_gain = 24;  ///< [dB]
+constexpr int least_size = 8;     ///< [px] of a picture's sides
 constexpr double least_frame_rate = 0.1, most_frame_rate = 1000;
 
 /// How the next frame is to be taken, as the registers say.
 struct CaptureSettings {
   const PixelFormat* format = nullptr;
-  double exposure = 0;  ///< [s]
-  double gain = 0;      ///< [dB]
+  double exposure = 0;                      ///< [s]
+  double gain = 0;                          ///< [dB]
+  double black_level = 0;                   ///< [DN] of the sensor's counts
+  int x = 0, y = 0, width = 0, height = 0;  ///< [px] the part of the sensor that is sent
+  bool reverse_x = false;                   ///< mirrored left to right
   bool single_frame = false;
   bool triggered = false, software_trigger = false;
   double frame_period = 0;  ///< [s] 0: as fast as it can
@@ -99,6 +108,8 @@ class CameraRegisters {
 
   std::uint32_t word(std::uint32_t address) const;
   void set_word(std::uint32_t address, std::uint32_t value);
+  /// Every feature as at power-on; control and stream channel stay as they are.
+  void load_default_user_set();
   CaptureSettings settings() const;
   std::vector<std::uint8_t> discovery() const;
 

@@ -28,6 +28,17 @@ std::string word_register(std::string_view name, std::uint32_t address, std::str
       name, address, access);
 }
 
+/// One word for each value of a selector.
+std::string indexed_register(std::string_view name, std::uint32_t address,
+                             std::string_view selector) {
+  return fmt::format(
+      "<IntReg Name=\"{}\" NameSpace=\"Custom\"><Address>{:#x}</Address>"
+      "<pIndex Offset=\"4\">{}</pIndex><Length>4</Length><AccessMode>RW</AccessMode>"
+      "<pPort>Device</pPort><Cachable>NoCache</Cachable><Sign>Unsigned</Sign>"
+      "<Endianess>BigEndian</Endianess></IntReg>\n",
+      name, address, selector);
+}
+
 std::string integer(std::string_view name, std::uint32_t address, std::string_view access,
                     std::string_view limits = "") {
   return fmt::format(
@@ -36,11 +47,13 @@ std::string integer(std::string_view name, std::uint32_t address, std::string_vi
          word_register(fmt::format("{}Reg", name), address, access);
 }
 
-std::string constant(std::string_view name, int value) {
+/// What is left of a side of the sensor beside `used`, under a name of its own.
+std::string rest_of(std::string_view name, std::string_view sensor, std::string_view used) {
   return fmt::format(
-      "<Integer Name=\"{}\" NameSpace=\"Standard\"><Value>{}</Value><Min>{}</Min><Max>{}</Max>"
-      "</Integer>\n",
-      name, value, value, value);
+      "<IntSwissKnife Name=\"{}\" NameSpace=\"Custom\"><pVariable Name=\"SENSOR\">{}</pVariable>"
+      "<pVariable Name=\"USED\">{}</pVariable><Formula>SENSOR - USED</Formula>"
+      "</IntSwissKnife>\n",
+      name, sensor, used);
 }
 
 std::string boolean(std::string_view name, std::uint32_t address) {
@@ -116,16 +129,22 @@ std::string image_format_control(const CameraBody& body) {
   std::vector<Entry> formats;
   for (const PixelFormat* format : offered_formats(body.filter))
     formats.push_back({format->name, format->code});
-  const auto fixed = [](int size) {
-    return fmt::format("<Min>{0}</Min><Max>{0}</Max><Inc>1</Inc>", size);
+  const auto up_to = [](int least, std::string_view most) {
+    return fmt::format("<Min>{}</Min><pMax>{}</pMax><Inc>1</Inc>", least, most);
   };
   return category("ImageFormatControl", {"SensorWidth", "SensorHeight", "Width", "Height",
-                                         "OffsetX", "OffsetY", "PixelFormat"}) +
+                                         "OffsetX", "OffsetY", "ReverseX", "PixelFormat"}) +
          integer("SensorWidth", reg_sensor_width, "RO") +
          integer("SensorHeight", reg_sensor_height, "RO") +
-         integer("Width", reg_width, "RW", fixed(body.width)) +
-         integer("Height", reg_height, "RW", fixed(body.height)) + constant("OffsetX", 0) +
-         constant("OffsetY", 0) + choice("PixelFormat", reg_pixel_format, formats);
+         integer("Width", reg_width, "RW", up_to(least_size, "WidthMax")) +
+         integer("Height", reg_height, "RW", up_to(least_size, "HeightMax")) +
+         integer("OffsetX", reg_offset_x, "RW", up_to(0, "OffsetXMax")) +
+         integer("OffsetY", reg_offset_y, "RW", up_to(0, "OffsetYMax")) +
+         rest_of("WidthMax", "SensorWidthReg", "OffsetXReg") +
+         rest_of("HeightMax", "SensorHeightReg", "OffsetYReg") +
+         rest_of("OffsetXMax", "SensorWidthReg", "WidthReg") +
+         rest_of("OffsetYMax", "SensorHeightReg", "HeightReg") +
+         boolean("ReverseX", reg_reverse_x) + choice("PixelFormat", reg_pixel_format, formats);
 }
 
 std::string acquisition_control(const CameraBody& body) {
@@ -137,8 +156,14 @@ std::string acquisition_control(const CameraBody& body) {
                 {{"Continuous", continuous_mode}, {"SingleFrame", single_frame_mode}}) +
          command("AcquisitionStart", reg_acquisition_start) +
          command("AcquisitionStop", reg_acquisition_stop) +
-         enumeration("TriggerSelector", std::vector<Entry>{{"FrameStart", 0}}, "<Value>0</Value>") +
-         choice("TriggerMode", reg_trigger_mode, {{"Off", 0}, {"On", 1}}) +
+         enumeration("TriggerSelector",
+                     std::vector<Entry>{{"FrameStart", 0}, {"AcquisitionStart", 1}},
+                     "<pValue>TriggerSelectorInteger</pValue>") +
+         "<Integer Name=\"TriggerSelectorInteger\" NameSpace=\"Custom\"><Value>0</Value>"
+         "</Integer>\n" +
+         enumeration("TriggerMode", std::vector<Entry>{{"Off", 0}, {"On", 1}},
+                     "<pValue>TriggerModeReg</pValue>") +
+         indexed_register("TriggerModeReg", reg_trigger_mode, "TriggerSelectorInteger") +
          choice("TriggerSource", reg_trigger_source,
                 {{"Software", software_source}, {"Line1", line_source}}) +
          command("TriggerSoftware", reg_trigger_software) +
@@ -171,12 +196,7 @@ std::string chunk_control() {
          "<Integer Name=\"ChunkSelectorInteger\" NameSpace=\"Custom\"><Value>0</Value></Integer>\n"
          "<Boolean Name=\"ChunkEnable\" NameSpace=\"Standard\"><pValue>ChunkEnableReg</pValue>"
          "<OnValue>1</OnValue><OffValue>0</OffValue></Boolean>\n" +
-         fmt::format(
-             "<IntReg Name=\"ChunkEnableReg\" NameSpace=\"Custom\"><Address>{:#x}</Address>"
-             "<pIndex Offset=\"4\">ChunkSelectorInteger</pIndex><Length>4</Length>"
-             "<AccessMode>RW</AccessMode><pPort>Device</pPort><Cachable>NoCache</Cachable>"
-             "<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>\n",
-             static_cast<std::uint32_t>(reg_chunk_enable)) +
+         indexed_register("ChunkEnableReg", reg_chunk_enable, "ChunkSelectorInteger") +
          chunk_feature("ChunkFrameID", Chunk::frame_id, false) +
          chunk_feature("ChunkExposureTime", Chunk::exposure_time, true) +
          chunk_feature("ChunkTimestamp", Chunk::timestamp, false) +
@@ -237,11 +257,17 @@ std::string camera_xml(const CameraBody& body) {
       "xmlns=\"http://www.genicam.org/GenApi/Version_1_0\" "
       "xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" "
       "xsi:schemaLocation=\"http://www.genicam.org/GenApi/Version_1_0 GenApiSchema.xsd\">\n";
-  xml += category("Root", {"DeviceControl", "ImageFormatControl", "AcquisitionControl",
-                           "AnalogControl", "ChunkDataControl", "TransportLayerControl"});
+  xml += category("Root",
+                  {"DeviceControl", "ImageFormatControl", "AcquisitionControl", "AnalogControl",
+                   "UserSetControl", "ChunkDataControl", "TransportLayerControl"});
   xml += device_control() + image_format_control(body) + acquisition_control(body);
-  xml += category("AnalogControl", {"Gain", "GammaEnable"}) +
-         number("Gain", reg_gain, "dB", 0, most_gain) + boolean("GammaEnable", reg_gamma_enable);
+  xml += category("AnalogControl", {"Gain", "BlackLevel", "GammaEnable"}) +
+         number("Gain", reg_gain, "dB", 0, most_gain) +
+         number("BlackLevel", reg_black_level, "DN", 0, (1 << body.bits) - 1) +
+         boolean("GammaEnable", reg_gamma_enable);
+  xml += category("UserSetControl", {"UserSetSelector", "UserSetLoad"}) +
+         enumeration("UserSetSelector", std::vector<Entry>{{"Default", 0}}, "<Value>0</Value>") +
+         command("UserSetLoad", reg_user_set_load);
   xml += chunk_control() + transport_control();
   xml += "<Port Name=\"Device\" NameSpace=\"Standard\"></Port>\n</RegisterDescription>\n";
   while (xml.size() % 4 != 0) xml += '\n';  // memory is read by the word

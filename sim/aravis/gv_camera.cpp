@@ -275,6 +275,9 @@ void GvCamera::act_on(std::uint32_t address, std::uint32_t value) {
         registers_.set_word(reg_timestamp_low, static_cast<std::uint32_t>(now));
       }
       return;
+    case reg_user_set_load:
+      if (!faults_->keeps_settings()) registers_.load_default_user_set();
+      return;
     case reg_device_reset:
       return reboot(boot_seconds);
     default:

@@ -82,8 +82,8 @@ Packet leader(std::uint16_t block, const ImageFacts& facts, std::uint16_t status
   append32(bytes, facts.pixel_format);
   append32(bytes, facts.width);
   append32(bytes, facts.height);
-  append32(bytes, 0);  // offset x
-  append32(bytes, 0);  // offset y
+  append32(bytes, facts.x);
+  append32(bytes, facts.y);
   append32(bytes, 0);  // padding x and y
   return bytes;
 }

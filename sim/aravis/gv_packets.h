@@ -67,7 +67,8 @@ struct ImageFacts {
   std::uint64_t timestamp = 0;  ///< [ticks] of the camera's clock, at the start of the exposure
   std::uint32_t pixel_format = 0;
   std::uint32_t width = 0, height = 0;
-  bool chunks = false;  ///< chunk data follow the image
+  std::uint32_t x = 0, y = 0;  ///< [px] where it lies on the sensor
+  bool chunks = false;         ///< chunk data follow the image
 };
 
 constexpr std::uint16_t resent = 0x0100;       ///< status of a packet sent again

@@ -12,6 +12,16 @@ using std::chrono::steady_clock;
 
 constexpr int locked = 9;  ///< error:9, G-code locked out
 
+/// "X12.5" becomes "X1.5": GRBL's lines have no checksum. What has no such word is cut in its
+/// middle.
+std::string garbled(std::string_view bytes) {
+  std::string left(bytes);
+  const std::size_t word = left.find_first_of("XYZABCS");
+  const std::size_t at = word == std::string::npos ? left.size() / 2 : word + 2;
+  if (at < left.size() && left[at] != '\n') left.erase(at, 1);
+  return left;
+}
+
 }  // namespace
 
 void GrblFarEnd::say(std::string bytes, milliseconds delay) {
@@ -48,6 +58,7 @@ void GrblFarEnd::receive(std::string_view bytes) {
   if (steady_clock::now() < silent_until_) return;
   if (!fault) return say(machine_.receive(bytes));
   if (fault->effect == WireEffect::silence) return;
+  if (fault->effect == WireEffect::garbled_request) return say(machine_.receive(garbled(bytes)));
   if (fault->effect == WireEffect::exception) {
     const auto lines = std::count(bytes.begin(), bytes.end(), '\n');
     for (long i = 0; i < lines; ++i)

@@ -16,10 +16,10 @@ namespace lightrig::sim {
 /// thread: whoever carries them calls tick() every few milliseconds.
 class GrblFarEnd {
  public:
-  /// `backend` as GrblMachine's.
+  /// `backend` and `firmware` as GrblMachine's.
   GrblFarEnd(const GrblGantry& backend, std::shared_ptr<World> world,
-             std::shared_ptr<WireFaults> faults)
-      : machine_(backend, std::move(world)),
+             std::shared_ptr<WireFaults> faults, GrblFirmware firmware = GrblFirmware::grbl)
+      : machine_(backend, std::move(world), firmware),
         wire_(backend.letters.empty() ? Wire::lamp : Wire::gantry),
         faults_(std::move(faults)) {}
 

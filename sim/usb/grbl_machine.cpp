@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <charconv>
+#include <cmath>
 #include <cstdlib>
 #include <optional>
 
@@ -12,7 +14,13 @@ namespace lightrig::sim {
 namespace {
 
 constexpr std::string_view machine_letters = "XYZABC";
-constexpr const char* banner = "\r\nGrbl 1.1h ['$' for help]\r\n";
+constexpr const char* grbl_banner = "\r\nGrbl 1.1h ['$' for help]\r\n";
+constexpr const char* hal_banner = "\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n";
+/// G54, as the last who worked here left it [unit].
+constexpr std::array<double, 6> work_offset{5, -3, 2, 1.5, 0, 0};
+constexpr double mm_per_inch = 25.4;
+constexpr int reports_between_offsets_moving = 29, reports_between_offsets_idle = 9;
+constexpr int machine_position_bit = 1;  // of $10
 constexpr std::size_t most_queued = 15;  // GRBL's planner blocks
 
 /// A word of a block, e.g..
@@ -37,17 +45,20 @@ std::optional<std::vector<Word>> words_of(const std::string& text) {
 
 }  // namespace
 
-GrblMachine::GrblMachine(const GrblGantry& backend, std::shared_ptr<World> world)
+GrblMachine::GrblMachine(const GrblGantry& backend, std::shared_ptr<World> world,
+                         GrblFirmware firmware)
     : backend_(backend),
       world_(std::move(world)),
       moves_(!backend.letters.empty()),
       lit_(!moves_ || std::holds_alternative<GantryLamp>(world_->rig().lamp.backend)),
+      firmware_(firmware),
       alarm_(moves_) {  // locked at start where homing is enabled
-  settings_ = {{13, 0}, {20, 1}, {21, 0}, {22, moves_ ? 1 : 0}, {30, 1000}, {31, 0}, {32, 0}};
+  settings_ = {{10, machine_position_bit}, {13, 0},    {20, 1}, {21, 0},
+               {22, moves_ ? 1 : 0},       {30, 1000}, {31, 0}, {32, 0}};
   const GantryModel& model = world_->rig().gantry.model;
   for (std::size_t i = 0; i < backend_.letters.size(); ++i) {
     const auto axis = static_cast<int>(machine_letters.find(backend_.letters[i]));
-    const double units = backend_.units_per_si[i];
+    const double units = std::abs(backend_.units_per_si[i]);  // a sense is no speed
     settings_[110 + axis] = model.axes[i].max_speed * units * 60;
     settings_[120 + axis] = model.axes[i].max_acceleration * units;
     settings_[130 + axis] = (model.axes[i].max - model.axes[i].min) * units;
@@ -64,8 +75,11 @@ std::string GrblMachine::receive(std::string_view bytes) {
   for (const char byte : bytes) {
     if (byte == '?' || byte == '!' || byte == '~' || byte == 0x18) {
       said += realtime(byte);
+    } else if (byte == '\n' && std::exchange(after_cr_, false) && firmware_ == GrblFirmware::hal) {
+      continue;
     } else if (byte == '\n' || byte == '\r') {
-      // Every line end is answered, an empty line too: "\r\n" gives two answers.
+      // Every line end is answered, an empty line too: to GRBL "\r\n" is two.
+      after_cr_ = byte == '\r';
       unheeded_.push_back(std::exchange(pending_, {}));
       said += heed_lines();
     } else if (pending_.size() < 127) {
@@ -117,7 +131,8 @@ std::string GrblMachine::realtime(char byte) {
   if (byte == '~' && suspended() && now.at_rest && now.open_interlocks.empty()) {
     hold_ = door_ = false;
     switch_lamp();
-    if (std::exchange(resumable_, false)) (void)world_->start_move(going_to_);
+    if (std::exchange(resumable_, false))
+      (void)world_->start_move(going_.to, speed_share(going_.to, going_.feed));
     return heed_lines();
   }
   return {};
@@ -138,6 +153,8 @@ std::string GrblMachine::reset() {
   unheeded_.clear();
   queue_.clear();
   hold_ = resumable_ = silent_ = door_ = false;
+  modal_ = {};
+  sticky_error_ = reports_to_offset_ = 0;
   darken();
   std::string said;
   if (in_motion || homing_) {
@@ -146,7 +163,7 @@ std::string GrblMachine::reset() {
     alarm_ = true;
   }
   homing_ = false;
-  said += banner;
+  said += firmware_ == GrblFirmware::hal ? hal_banner : grbl_banner;
   if (alarm_) said += "[MSG:'$H'|'$X' to unlock]\r\n";
   look_at_door();
   return said;
@@ -157,7 +174,8 @@ std::string GrblMachine::power_cycle() {
   (void)reset();
   alarm_ = moves_;
   homing_ = false;
-  return std::string(banner) + (moves_ ? "[MSG:'$H'|'$X' to unlock]\r\n" : "");
+  return std::string(firmware_ == GrblFirmware::hal ? hal_banner : grbl_banner) +
+         (moves_ ? "[MSG:'$H'|'$X' to unlock]\r\n" : "");
 }
 
 // An alarm ends in a reset of motion, spindle and coolant [Grbl v1.1, mc_reset].
@@ -170,7 +188,7 @@ std::string GrblMachine::alarm(int number) {
   return fmt::format("ALARM:{}\r\n", number);
 }
 
-std::string GrblMachine::report() const {
+std::string GrblMachine::report() {
   const GantryStatus status = axes();
   std::string state = "Idle";
   if (homing_)
@@ -189,9 +207,20 @@ std::string GrblMachine::report() const {
     if (axis >= position.size()) position.resize(axis + 1, 0.0);
     position[axis] = machine_units(i, status.position.axes[static_cast<Eigen::Index>(i)]);
   }
-  std::string text = fmt::format("<{}|MPos:{:.3f}", state, fmt::join(position, ","));
-  text += fmt::format("|FS:0,{:.0f}", lamp_on_ && !door_ ? spindle_ : 0.0);
+  const bool in_machine = (static_cast<int>(settings_.at(10)) & machine_position_bit) != 0;
+  if (!in_machine)
+    for (std::size_t i = 0; i < position.size(); ++i) position[i] -= work_offset.at(i);
+  std::string text =
+      fmt::format("<{}|{}:{:.3f}", state, in_machine ? "MPos" : "WPos", fmt::join(position, ","));
+  text += fmt::format("|FS:{:.0f},{:.0f}", state == "Run" ? going_.feed : 0.0,
+                      lamp_on_ && !door_ ? spindle_ : 0.0);
   if (!status.open_interlocks.empty()) text += "|Pn:D";
+  if (reports_to_offset_-- == 0) {
+    reports_to_offset_ =
+        status.at_rest ? reports_between_offsets_idle : reports_between_offsets_moving;
+    text += fmt::format("|WCO:{:.3f}",
+                        fmt::join(work_offset.begin(), work_offset.begin() + position.size(), ","));
+  }
   return text + ">\r\n";
 }
 
@@ -227,15 +256,37 @@ std::string GrblMachine::tick() {
 
 void GrblMachine::start_next() {
   if (queue_.empty()) return;
-  going_to_ = queue_.front();
+  going_ = queue_.front();
   queue_.pop_front();
-  (void)world_->start_move(going_to_);
+  (void)world_->start_move(going_.to, speed_share(going_.to, going_.feed));
+}
+
+// What a feed along the way is of the speed at which one of the axes would be at its limit.
+double GrblMachine::speed_share(const GantryPosition& to, double feed) const {
+  const AxisValues travel = to.axes - world_->gantry_status().position.axes;
+  double seconds = 0, length_squared = 0;
+  for (std::size_t i = 0; i < backend_.letters.size(); ++i) {
+    const double way = travel[static_cast<Eigen::Index>(i)];
+    seconds = std::max(seconds, std::abs(way) / world_->rig().gantry.model.axes[i].max_speed);
+    length_squared += std::pow(way * backend_.units_per_si[i], 2);
+  }
+  if (!(feed > 0) || !(seconds > 0)) return 1;
+  return std::clamp(feed / 60 * seconds / std::sqrt(length_squared), 1e-4, 1.0);
 }
 
 std::string GrblMachine::line(std::string text) {
   std::erase_if(text, [](unsigned char c) { return std::isspace(c) != 0; });
   std::transform(text.begin(), text.end(), text.begin(),
                  [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  if (text.empty()) sticky_error_ = 0;
+  if (sticky_error_ != 0) return fmt::format("error:{}\r\n", sticky_error_);
+  std::string said = obey(text);
+  if (firmware_ == GrblFirmware::hal && said.starts_with("error:"))
+    sticky_error_ = std::atoi(said.c_str() + 6);
+  return said;
+}
+
+std::string GrblMachine::obey(const std::string& text) {
   if (text.empty()) return "ok\r\n";
   if (text == "$$") return settings();
   if (text == "$H") return start_homing();
@@ -243,26 +294,52 @@ std::string GrblMachine::line(std::string text) {
     alarm_ = false;
     return "[MSG:Caution: Unlocked]\r\nok\r\n";
   }
-  if (text.front() == '$') return "error:3\r\n";
+  if (text.front() == '$') return set(text);
   if (alarm_) return "error:9\r\n";
   return block(text);
+}
+
+std::string GrblMachine::set(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos) return "error:3\r\n";
+  const auto known = settings_.find(std::atoi(text.c_str() + 1));
+  if (known == settings_.end()) return "error:3\r\n";
+  known->second = std::atof(text.c_str() + equals + 1);
+  return "ok\r\n";
 }
 
 std::string GrblMachine::block(const std::string& text) {
   const auto words = words_of(text);
   if (!words) return "error:1\r\n";
   GantryPosition target{world_->gantry_status().position.axes};
-  if (!queue_.empty()) target = queue_.back();
-  bool moves = false;
-  for (const Word& word : *words)
-    if (word.letter == 'S')
-      spindle_ = word.value;  // S takes effect before M, wherever it stands in the block
+  if (!queue_.empty()) target = queue_.back().to;
+  bool moves = false, in_machine = false;
+  // These take effect before motion and M, wherever they stand in the block.
+  for (const Word& word : *words) {
+    if (word.letter == 'S') spindle_ = word.value;
+    if (word.letter == 'F') modal_.feed = word.value * (modal_.inches ? mm_per_inch : 1);
+    if (word.letter != 'G') continue;
+    if (word.value == 0 || word.value == 1)
+      modal_.rapid = word.value == 0;
+    else if (word.value == 20 || word.value == 21)
+      modal_.inches = word.value == 20;
+    else if (word.value == 90 || word.value == 91)
+      modal_.absolute = word.value == 90;
+    else if (word.value == 53)
+      in_machine = true;
+    else if (word.value != 54 && word.value != 94)
+      return "error:20\r\n";
+  }
   for (const Word& word : *words) {
     const auto axis = std::find(backend_.letters.begin(), backend_.letters.end(), word.letter);
     if (axis != backend_.letters.end()) {
       const auto i = static_cast<std::size_t>(axis - backend_.letters.begin());
-      target.axes[static_cast<Eigen::Index>(i)] =
-          world_->rig().gantry.model.axes[i].home + word.value / backend_.units_per_si[i];
+      const auto row = static_cast<Eigen::Index>(i);
+      double to = word.value * (modal_.inches ? mm_per_inch : 1);
+      if (!in_machine)
+        to += modal_.absolute ? work_offset.at(machine_letters.find(word.letter))
+                              : machine_units(i, target.axes[row]);
+      target.axes[row] = world_->rig().gantry.model.axes[i].home + to / backend_.units_per_si[i];
       moves = true;
     } else if (word.letter == 'M') {
       if (word.value == 3 || word.value == 7 || word.value == 8) lamp_on_ = true;
@@ -275,9 +352,10 @@ std::string GrblMachine::block(const std::string& text) {
     }
   }
   if (!moves) return "ok\r\n";
+  if (!modal_.rapid && !(modal_.feed > 0)) return "error:22\r\n";
   if (!within_limits(world_->rig().gantry.model, target)) return alarm(2);
   if (queue_.size() >= most_queued) return "error:24\r\n";
-  queue_.push_back(target);
+  queue_.push_back({target, modal_.rapid ? 0 : modal_.feed});
   if (world_->gantry_status().at_rest) start_next();
   return "ok\r\n";
 }

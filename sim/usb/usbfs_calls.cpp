@@ -67,6 +67,7 @@ long UsbFarEnd::Device::discard(gulong address, int& error) {
   if (found == waiting_.end()) return error = EINVAL, -1;
   const Urb urb = *found;
   waiting_.erase(found);
+  note(fmt::format("transfer taken back at {:#04x}", urb.endpoint));
   finish(urb, -ENOENT, nullptr, 0);
   return 0;
 }

@@ -4,6 +4,7 @@
 // drawn, run side by side, and counted.
 //   fault_campaign [--count N] [--seed N] [--jobs N] [--wire NAME] [--patience X] [--verbose]
 //   fault_campaign --wire NAME --fault "TEXT" [--seed N]      one trial, in this process
+//   fault_campaign --loss [--seed N]      sessions that lose the camera's packets at random
 // --patience multiplies the stated times: on a machine that does other work everything takes
 // longer, and only one that does nothing else tells whether a session ends in its time.
 #include <fmt/format.h>
@@ -34,7 +35,7 @@ struct Options {
   double patience = 1;
   std::string wire;
   std::optional<std::string> fault;
-  bool verbose = false;
+  bool verbose = false, loss = false;
 };
 
 Options read_options(int argc, char** argv) {
@@ -57,12 +58,14 @@ Options read_options(int argc, char** argv) {
       options.wire = value();
     else if (word == "--fault")
       options.fault = value();
+    else if (word == "--loss")
+      options.loss = true;
     else if (word == "--verbose")
       options.verbose = true;
     else
       die("unknown option " + word +
-          "; there are --count --jobs --seed --wire --fault --patience "
-          "--verbose");
+          "; there are --count --jobs --seed --wire --fault --loss "
+          "--patience --verbose");
   }
   if (options.fault && options.wire.empty()) die("--fault needs --wire");
   return options;
@@ -102,6 +105,38 @@ void side_by_side(int jobs, int count, const Work& work) {
     workers.emplace_back([&] {
       for (int n = next++; n < count; n = next++) work(n);
     });
+}
+
+/// Whether lost packets cost exposures, never data. The simulator counts the frames that its camera
+/// began: one that was refused was begun anew.
+bool bears_loss(const Options& options) {
+  std::string folder = (std::filesystem::temp_directory_path() / "lightrig-loss-XXXXXX").string();
+  if (!mkdtemp(folder.data())) die("no temporary folder can be made");
+  const std::array<std::string, 3> losses{
+      "loss share=0", fmt::format("loss share=0.01 seed={}", options.seed),
+      fmt::format("loss share=0.01 resend=no seed={}", options.seed)};
+  std::array<Outcome, 3> outcomes;
+  side_by_side(3, 3, [&](int n) {
+    const auto which = static_cast<std::size_t>(n);
+    outcomes[which] = run_apart({"camera", losses[which], options.seed}, options.patience, folder);
+  });
+  std::error_code ignored;
+  std::filesystem::remove_all(folder, ignored);
+  bool good = true;
+  for (std::size_t i = 0; i < outcomes.size(); ++i) {
+    const Outcome& one = outcomes[i];
+    std::printf("%-34s %s %s: %llu frames begun, %llu packets lost, %d wrong frames, %.1f s\n",
+                losses[i].c_str(), one.verdict.c_str(), one.reason.c_str(),
+                static_cast<unsigned long long>(one.counts.frames),
+                static_cast<unsigned long long>(one.counts.packets_lost), one.wrong_frames,
+                one.counts.seconds);
+    for (const std::string& what : one.violations) std::printf("      %s\n", what.c_str());
+    // Three tries are all that an exposure has: without resend a session may end, with the reason.
+    good = good && (one.verdict == "completed" || i == 2) && one.violations.empty() &&
+           (i == 0 || one.counts.packets_lost > 0);
+  }
+  return good && outcomes[1].counts.frames == outcomes[0].counts.frames &&
+         outcomes[2].counts.frames > outcomes[0].counts.frames;
 }
 
 struct Tally {
@@ -222,6 +257,7 @@ class Campaign {
 int main(int argc, char** argv) {
   using namespace lightrig::campaign;
   const Options options = read_options(argc, argv);
+  if (options.loss) return bears_loss(options) ? 0 : 1;
   if (!options.fault) return Campaign(options).run() ? 0 : 1;
   const Outcome outcome = run_trial({options.wire, *options.fault, options.seed}, options.patience);
   std::printf("%s\n", to_json(outcome).c_str());

@@ -20,7 +20,7 @@ const WireKind& wire_kind(const std::string& name);  ///< Ends the program for a
 
 /// What a session without a fault does, so that faults can be drawn from all of it.
 struct Clean {
-  std::uint64_t requests = 0, frames = 0, shots = 0;
+  std::uint64_t requests = 0, frames = 0, shots = 0, packets_lost = 0;
   double seconds = 0;
 };
 

@@ -17,6 +17,8 @@ namespace {
 
 using namespace std::chrono_literals;
 
+constexpr int stock_receive_ceiling = 212992;  // [byte] net.core.rmem_max, untouched
+
 class AravisPeer : public testing::Test {
  protected:
   void SetUp() override {
@@ -25,17 +27,15 @@ class AravisPeer : public testing::Test {
     if (!obstacle.empty()) GTEST_SKIP() << obstacle;
     fake_ = std::make_unique<test::ChildProcess>(
         std::vector<std::string>{"arv-fake-gv-camera-0.8", "-i", "127.0.0.1", "-s", "GV02"});
-    rig_.camera.model.width = 512;
-    rig_.camera.model.height = 512;
+    rig_.camera.model.width = 160;
+    rig_.camera.model.height = 120;
     rig_.camera.sensor.bits = 8;
     rig_.camera.sensor.min_exposure = 1e-4;
     rig_.camera.sensor.max_exposure = 1;
     backend_.id = "127.0.0.1";
-    // The peer sends a frame of 256 KiB in one burst: with a smaller kernel ceiling every frame
-    // would lose packets.
-    backend_.socket_buffer_bytes = std::min(test::receive_ceiling(), backend_.socket_buffer_bytes);
-    if (backend_.socket_buffer_bytes < 1 << 20)
-      GTEST_SKIP() << "net.core.rmem_max is only " << backend_.socket_buffer_bytes;
+    // The peer sends a frame in one burst, which must fit into the receive buffer: into that of a
+    // kernel as it comes, whatever this one allows.
+    backend_.socket_buffer_bytes = std::min(test::receive_ceiling(), stock_receive_ceiling);
   }
 
   Result<std::unique_ptr<Camera>> open() {
@@ -64,7 +64,7 @@ TEST_F(AravisPeer, GivesWholeFramesWithFreshIdsAndTheExposureAskedFor) {
     const auto frame = (*camera)->expose(exposure, soon(5s));
     ASSERT_TRUE(frame) << frame.error().message;
     EXPECT_NEAR(frame->exposure, exposure, 1e-5);
-    EXPECT_EQ(frame->counts.counts.size(), 512U * 512U);
+    EXPECT_EQ(frame->counts.counts.size(), 160U * 120U);
     EXPECT_TRUE(ids.insert(frame->id).second) << frame->id;
   }
   EXPECT_EQ((*camera)->counters().frames, 3U);

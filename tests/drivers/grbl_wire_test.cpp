@@ -1,5 +1,6 @@
 // The GRBL gantry against a simulated controller on a pty, and the protocol's words as FIELD notes
 // of the firmware have them.
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -150,19 +151,6 @@ TEST_F(GrblWire, ALimitIsSaidAtOnceAndUntilItIsCleared) {
   EXPECT_EQ(opened->gantry->status(soon(2s))->alarm, "");
 }
 
-// The far end reports X, Y and Z; a fourth axis that is not there is not at zero.
-TEST_F(GrblWire, AReportThatLacksAnAxisOfTheRigFileIsNotBelieved) {
-  backend_.letters = {'X', 'A'};
-  auto opened = open();
-  ASSERT_TRUE(opened) << opened.error().message;
-  const auto status = opened->gantry->status(soon(300ms));
-  ASSERT_FALSE(status);
-  EXPECT_EQ(status.error().code, ErrorCode::timed_out);
-  EXPECT_NE(status.error().message.find("reports 3 axes, the rig file's letters need 4"),
-            std::string::npos)
-      << status.error().message;
-}
-
 TEST_F(GrblWire, ALampOnAControllerOfItsOwnIsLostAndOpenedWithoutTheGantrys) {
   SerialEndpoint serial;
   serial.device = testing::TempDir() + "lightrig_lamp_" + std::to_string(getpid());
@@ -219,6 +207,43 @@ TEST_F(GrblWire, AControllerFasterThanTheRigAllowsIsRefusedWithTheSettingToChang
   ASSERT_FALSE(opened);
   EXPECT_EQ(opened.error().code, ErrorCode::refused);
   EXPECT_NE(opened.error().message.find("$121"), std::string::npos) << opened.error().message;
+}
+
+// "A negative number turns the sense."
+TEST_F(GrblWire, AnAxisThatCountsTheOtherWayMovesWhereItIsTold) {
+  backend_.units_per_si[0] *= -1;
+  host();
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  const auto homed = opened->gantry->home(soon(20s));
+  ASSERT_TRUE(homed) << homed.error().message;
+  const auto target = test::at_degrees(40, 50);
+  const auto moved = opened->gantry->move_to(target, soon(10s));
+  ASSERT_TRUE(moved) << moved.error().message;
+  EXPECT_LE((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(),
+            rig_.gantry.model.tolerance);
+  *opened = {};
+  rig_.gantry.model.axes[0].max_acceleration /= 10;
+  const auto too_fast = open();
+  ASSERT_FALSE(too_fast);
+  EXPECT_NE(too_fast.error().message.find("$120"), std::string::npos) << too_fast.error().message;
+}
+
+TEST_F(GrblWire, AControllerThatReportsInWorkCoordinatesIsUnderstood) {
+  const int line = ::open(std::get<SerialEndpoint>(backend_.endpoint).device.c_str(), O_RDWR);
+  ASSERT_GE(line, 0);
+  ASSERT_EQ(write(line, "$10=0\n", 6), 6);
+  std::this_thread::sleep_for(50ms);
+  ::close(line);
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  const auto homed = opened->gantry->home(soon(20s));
+  ASSERT_TRUE(homed) << homed.error().message;
+  const auto target = test::at_degrees(40, 50);
+  const auto moved = opened->gantry->move_to(target, soon(10s));
+  ASSERT_TRUE(moved) << moved.error().message;
+  EXPECT_LE((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(),
+            rig_.gantry.model.tolerance);
 }
 
 TEST_F(GrblWire, NoSuchDeviceSaysSo) {

@@ -80,6 +80,76 @@ TEST_F(GvOpen, GammaIsSwitchedOffAndACameraThatKeepsItOnIsRefused) {
   expect_failure(ErrorCode::refused, {"GammaEnable was switched off, but the camera says"});
 }
 
+/// The part of a picture that a smaller rig file asks for.
+RawImage cut_out(const RawImage& image, int x, int y, int width, int height) {
+  RawImage part{width, height, {}};
+  for (int row = y; row < y + height; ++row)
+    for (int column = x; column < x + width; ++column)
+      part.counts.push_back(
+          image.counts[static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width) +
+                       static_cast<std::size_t>(column)]);
+  return part;
+}
+
+// Whoever had the camera before may have left anything: what the rig file does not name is not
+// theirs to choose, in a model with user sets or (the second time) in one without.
+TEST_F(GvOpen, WhatSomebodyLeftInTheCameraIsUndone) {
+  const int width = 40, height = 24, x = 13, y = 9;
+  ASSERT_TRUE(world_->set_lamp(0.8));
+  const auto whole = world_->expose(world_->look(), 0.05, {});
+  ASSERT_TRUE(whole);
+  rig_.camera.model.width = width;
+  rig_.camera.model.height = height;
+  for (const bool user_sets : {true, false}) {
+    if (!user_sets) faults_->keep_settings();
+    backend().features = {{"OffsetX", std::to_string(x)}, {"OffsetY", std::to_string(y)}};
+    {
+      const auto camera = open();
+      ASSERT_TRUE(camera) << camera.error().message;
+      const auto frame = (*camera)->expose(0.01, soon(5));
+      ASSERT_TRUE(frame) << frame.error().message;
+      const auto whole_then = world_->expose(world_->look(), 0.01, {});
+      const RawImage ought = cut_out(whole_then->counts, x, y, width, height);
+      // Other noise: bright where the other is bright, and nowhere else.
+      for (std::size_t i = 0; i < ought.counts.size(); ++i)
+        ASSERT_NEAR(frame->counts.counts[i], ought.counts[i], 0.3 * ought.counts[i] + 20) << i;
+      EXPECT_NE((*camera)->identity().find("; Gain 0; BlackLevel 64"), std::string::npos)
+          << (*camera)->identity();
+    }
+    backend().features.insert({{"ReverseX", "true"},
+                               {"Gain", "12"},
+                               {"BlackLevel", user_sets ? "300" : "64"},
+                               {"TriggerSelector", "AcquisitionStart"},
+                               {"GammaEnable", "true"}});
+    {
+      const auto camera = open();
+      ASSERT_TRUE(camera) << camera.error().message;
+    }
+    const auto left = std::system(
+        "arv-tool-0.8 -a 127.0.0.1 control "
+        "TriggerSelector=AcquisitionStart TriggerMode=On >/dev/null");
+    ASSERT_EQ(left, 0);
+    backend().features.clear();
+    const auto camera = open();
+    ASSERT_TRUE(camera) << camera.error().message;
+    const auto frame = (*camera)->expose(0.05, soon(5));
+    ASSERT_TRUE(frame) << frame.error().message;
+    const RawImage ought = cut_out(whole->counts, 0, 0, width, height);
+    for (std::size_t i = 0; i < ought.counts.size(); ++i)
+      ASSERT_NEAR(frame->counts.counts[i], ought.counts[i], 0.3 * ought.counts[i] + 20)
+          << i << (user_sets ? "" : " without user sets");
+  }
+}
+
+TEST_F(GvOpen, AnOffsetBeyondTheSensorOrAUserSetThatIsNotThereIsRefused) {
+  backend().features = {{"OffsetX", "8"}};
+  expect_failure(ErrorCode::refused, {"place the picture on the sensor", "OffsetX = 8"});
+  backend().features = {{"OffsetX", "left"}};
+  expect_failure(ErrorCode::invalid_input, {"OffsetX = left"});
+  backend().features = {{"UserSetSelector", "UserSet7"}};
+  expect_failure(ErrorCode::not_found, {"UserSet7", "UserSetSelector"});
+}
+
 TEST_F(GvOpen, APacketSizeThatTheNetworkDoesNotCarryIsRefusedWithTheCommand) {
   const int control = socket(AF_INET, SOCK_DGRAM, 0);
   ifreq request{};

@@ -1,19 +1,14 @@
 // The real libusb against a CDC-ACM device that is emulated below the system call interface: our
 // USB driver and the GRBL gantry on it. Such a device is seen only by a program that runs under
 // umockdev's preload library, so every test runs its own program once more with it.
-#include <fmt/format.h>
 #include <gmock/gmock.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
-#include <array>
 #include <chrono>
-#include <cstdio>
-#include <cstdlib>
 #include <functional>
 #include <thread>
 
 #include "sim/wire_faults.h"
+#include "tests/drivers/umockdev_bed.h"
 #include "tests/drivers/wire_rig.h"
 
 namespace lightrig {
@@ -21,13 +16,6 @@ namespace {
 
 using namespace std::chrono_literals;
 using testing::HasSubstr;
-
-constexpr const char* preload = "libumockdev-preload.so.0";
-
-bool in_the_bed() {
-  const char* loaded = std::getenv("LD_PRELOAD");
-  return loaded != nullptr && std::string(loaded).find(preload) != std::string::npos;
-}
 
 class UsbWire : public testing::Test {
  protected:
@@ -45,20 +33,7 @@ class UsbWire : public testing::Test {
   /// Runs the body where the emulated device can be seen.
   void inside(const std::function<void()>& body) {
     if (IsSkipped()) return;
-    if (in_the_bed()) return body();
-    const auto* info = testing::UnitTest::GetInstance()->current_test_info();
-    const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
-    FILE* pipe = popen(fmt::format("LD_PRELOAD={} timeout 120 {} --gtest_filter={}.{} 2>&1",
-                                   preload, self, info->test_suite_name(), info->name())
-                           .c_str(),
-                       "r");
-    std::string out;
-    std::array<char, 4096> buffer{};
-    for (std::size_t n = 0; (n = std::fread(buffer.data(), 1, buffer.size(), pipe)) > 0;)
-      out.append(buffer.data(), n);
-    const int status = pclose(pipe);
-    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << out;
-    EXPECT_THAT(out, HasSubstr("[  PASSED  ] 1 test")) << "it did not run";
+    test::in_umockdevs_bed() ? body() : test::pass_in_umockdevs_bed();
   }
 
   void host() {
@@ -183,6 +158,18 @@ TEST_F(UsbWire, BytesThatComeOneByOneAreALine) {
       EXPECT_TRUE(status->homed);
     }
     ASSERT_NO_FATAL_FAILURE(expect_well());
+  });
+}
+
+// Every transfer that is given up and begun anew is a wait, before every question and command.
+TEST_F(UsbWire, OneTransferWaitsForBytesAllTheTime) {
+  inside([this] {
+    ASSERT_NO_FATAL_FAILURE(host_open_and_home());
+    for (int i = 0; i < 5; ++i) ASSERT_TRUE(devices_.gantry->status(soon(2s)));
+    ASSERT_NO_FATAL_FAILURE(expect_well());
+    EXPECT_THAT(story(), testing::Not(HasSubstr("taken back")));
+    devices_ = {};
+    EXPECT_THAT(story(), HasSubstr("transfer taken back at 0x81\nreleased 1"));
   });
 }
 

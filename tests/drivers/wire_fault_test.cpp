@@ -10,7 +10,9 @@
 #include <thread>
 
 #include "sim/hosted_rig.h"
+#include "sim/memory_devices.h"
 #include "tests/drivers/own_network.h"
+#include "tests/drivers/umockdev_bed.h"
 #include "tests/drivers/wire_rig.h"
 
 namespace lightrig {
@@ -18,7 +20,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-enum class Wired { tcp, rtu, grbl };
+enum class Wired { tcp, rtu, grbl, usb, lamp };
 /// What is being done when the fault strikes.
 enum class Doing { status, move, lamp_on };
 /// How the rig is afterwards.
@@ -40,7 +42,19 @@ struct Case {
 };
 
 std::string wire_name(Wired wire) {
-  return wire == Wired::tcp ? "Tcp" : wire == Wired::rtu ? "Rtu" : "Grbl";
+  switch (wire) {
+    case Wired::tcp:
+      return "Tcp";
+    case Wired::rtu:
+      return "Rtu";
+    case Wired::grbl:
+      return "Grbl";
+    case Wired::usb:
+      return "Usb";
+    case Wired::lamp:
+      return "Lamp";
+  }
+  return "";
 }
 
 /// One case on a rig of its own. The cases of a wire run side by side, each mostly waiting.
@@ -49,11 +63,15 @@ class FaultStory {
   FaultStory(const Case& c, std::size_t number, const Rig& rig) : case_(c), rig_(rig) {
     SerialEndpoint serial;
     serial.device = fmt::format("{}lightrig_fault_{}_{}", testing::TempDir(), getpid(), number);
-    if (c.wire == Wired::grbl) {
+    if (c.wire == Wired::lamp) {
+      rig_.gantry.backend = SimulatedGantry{};
+      rig_.lamp.backend = GrblLamp{serial, "spindle"};
+    } else if (c.wire == Wired::grbl || c.wire == Wired::usb) {
       GrblGantry backend;
       backend.letters = {'X', 'Y'};
       backend.units_per_si = {57.29577951308232, 57.29577951308232};
       backend.endpoint = serial;
+      if (c.wire == Wired::usb) backend.endpoint = UsbEndpoint{0x1209, 0x0001, "FAULTS", 115200};
       rig_.lamp.backend = GantryLamp{"spindle"};
       rig_.gantry.backend = backend;
     } else {
@@ -80,8 +98,8 @@ class FaultStory {
     if (auto added = faults_->add(*fault); !added) return added.error().message;
     const auto done = act();
     if (std::string wrong = judge(done); !wrong.empty()) return wrong;
-    if (faults_->struck().empty()) return "the fault never struck";
     if (auto mended = mend(); !mended) return "afterwards: " + mended.error().message;
+    if (faults_->struck().empty()) return "the fault never struck";
     if (!world_->gantry_status().at_rest) return "the drives are still moving";
     auto well = works_again();
     return well ? std::string() : "and then: " + well.error().message;
@@ -94,6 +112,8 @@ class FaultStory {
     auto hosted = [&]() -> Result<std::vector<sim::HostedWire>> {
       if (const auto* modbus = std::get_if<ModbusGantry>(&rig_.gantry.backend))
         return sim::host_wire(rig_, *modbus, world_, faults_);
+      if (const auto* lamp = std::get_if<GrblLamp>(&rig_.lamp.backend))
+        return sim::host_wire(rig_, *lamp, world_, faults_);
       return sim::host_wire(rig_, std::get<GrblGantry>(rig_.gantry.backend), world_, faults_);
     }();
     if (!hosted) return tl::unexpected(hosted.error());
@@ -105,6 +125,11 @@ class FaultStory {
   Result<void> open() {
     devices_ = {};
     auto opened = [&]() -> Result<GantryAndLamp> {
+      if (const auto* own = std::get_if<GrblLamp>(&rig_.lamp.backend)) {
+        auto lamp = open_lamp(rig_, *own, clock_);
+        if (!lamp) return tl::unexpected(lamp.error());
+        return GantryAndLamp{sim::make_gantry(world_), std::move(*lamp)};
+      }
       if (const auto* modbus = std::get_if<ModbusGantry>(&rig_.gantry.backend))
         return open_gantry(rig_, *modbus, clock_);
       return open_gantry(rig_, std::get<GrblGantry>(rig_.gantry.backend), clock_);
@@ -120,9 +145,16 @@ class FaultStory {
   Result<void> act() {
     switch (case_.doing) {
       case Doing::status:
-        for (int look = 0; look < 4; ++look)
+        for (int look = 0; look < 4 && case_.wire == Wired::lamp; ++look) {
+          std::this_thread::sleep_for(10ms);
+          if (auto state = devices_.lamp->state(soon(2s)); !state)
+            return tl::unexpected(state.error());
+        }
+        for (int look = 0; look < 4; ++look) {
+          std::this_thread::sleep_for(10ms);  // the far end carries out what is due
           if (auto status = devices_.gantry->status(soon(2s)); !status)
             return tl::unexpected(status.error());
+        }
         return {};
       case Doing::move:
         return devices_.gantry->move_to(test::at_degrees(0, 50), soon(2s));
@@ -221,14 +253,45 @@ const std::vector<Case> cases{
     {rtu, "corrupted", status, timed_out, "", well},
     {rtu, "short_reads", status, std::nullopt, "", well},
     {rtu, "silence", lamp_on, timed_out, "switch the lamp", well},
-    {grbl, "silence", status, timed_out, "no status report", well},
+    // A status report that does not come is asked for again.
+    {grbl, "silence", status, std::nullopt, "", well},
+    {grbl, "silence count=10", status, timed_out, "no status report", well},
+    {grbl, "lost_answer request=5", move, std::nullopt, "", well},
+    {grbl, "lost_answer request=3", move, timed_out, "no answer", well},
+    {grbl, "duplicate", status, std::nullopt, "", well},
+    {grbl, "duplicate request=3", move, std::nullopt, "", well},
     {grbl, "silence request=3", move, timed_out, "no answer", well},
+    {grbl, "garbled_request request=3", move, timed_out, "from the target", well},
     {grbl, "exception request=3", move, refused, "error:9", well},
     {grbl, "late ms=300", status, std::nullopt, "", well},
-    {grbl, "truncated", status, timed_out, "", well},
+    {grbl, "truncated", status, std::nullopt, "", well},
     {grbl, "corrupted", status, std::nullopt, "", well},
     {grbl, "short_reads", status, std::nullopt, "", well},
     {grbl, "silence request=2", lamp_on, timed_out, "no answer", well},
+    {grbl, "lost_answer request=2", lamp_on, timed_out, "no answer", well},
+    {grbl, "garbled_request request=2", lamp_on, timed_out, "asked for S1000", well},
+    {usb, "silence", status, std::nullopt, "", well},
+    {usb, "lost_answer request=5", move, std::nullopt, "", well},
+    {usb, "lost_answer request=3", move, timed_out, "no answer", well},
+    {usb, "garbled_request request=3", move, timed_out, "from the target", well},
+    {usb, "exception request=3", move, refused, "error:9", well},
+    {usb, "late ms=300", status, std::nullopt, "", well},
+    {usb, "duplicate", status, std::nullopt, "", well},
+    {usb, "truncated", status, std::nullopt, "", well},
+    {usb, "corrupted", status, std::nullopt, "", well},
+    {usb, "short_reads count=3", status, std::nullopt, "", well},
+    {usb, "nak ms=600", move, timed_out, "", well},
+    {lamp, "silence wire=lamp", status, std::nullopt, "", well},
+    {lamp, "silence wire=lamp count=10", status, timed_out, "no status report", well},
+    {lamp, "lost_answer wire=lamp request=2", lamp_on, timed_out, "no answer", well},
+    {lamp, "silence wire=lamp request=2", lamp_on, timed_out, "no answer", well},
+    {lamp, "garbled_request wire=lamp request=2", lamp_on, timed_out, "asked for S1000", well},
+    {lamp, "exception wire=lamp request=2", lamp_on, refused, "error:9", well},
+    {lamp, "duplicate wire=lamp", status, std::nullopt, "", well},
+    {lamp, "late wire=lamp ms=300", status, std::nullopt, "", well},
+    {lamp, "truncated wire=lamp", status, std::nullopt, "", well},
+    {lamp, "corrupted wire=lamp", status, std::nullopt, "", well},
+    {lamp, "short_reads wire=lamp", status, std::nullopt, "", well},
     // Wires.
     {tcp, "closed", status, disconnected, "", well},
     {tcp, "closed request=5", move, disconnected, "", well},
@@ -236,6 +299,9 @@ const std::vector<Case> cases{
     {tcp, "unplug ms=300", status, disconnected, "", well},
     {rtu, "unplug ms=300", status, disconnected, "", well},
     {grbl, "unplug ms=300", status, disconnected, "", reopened},
+    {usb, "unplug ms=300", status, disconnected, "", reopened},
+    {usb, "stall", status, disconnected, "", rehomed},
+    {lamp, "unplug wire=lamp ms=300", status, disconnected, "", reopened},
     // Drives.
     {tcp, "alarm motion=1 delay_ms=100 code=48", move, refused, "overload", cleared},
     {tcp, "limit motion=1 delay_ms=100", move, refused, "limit switch", cleared},
@@ -261,6 +327,14 @@ const std::vector<Case> cases{
     {grbl, "slip motion=1 delay_ms=100 degrees=2", move, timed_out, "from the target", well},
     {grbl, "door motion=1 delay_ms=100 ms=0", move, refused, "door", closed},
     {grbl, "reboot motion=1 delay_ms=100 ms=300", move, disconnected, "restarted", rehomed},
+    {grbl, "e_stop motion=1 delay_ms=100 ms=0", move, refused, "", closed},
+    // The controller tells of its output, not of the light.
+    {grbl, "lamp_failure lit=1", lamp_on, std::nullopt, "", well},
+    {usb, "limit motion=1 delay_ms=100", move, refused, "ALARM:1", cleared},
+    {usb, "door motion=1 delay_ms=100 ms=0", move, refused, "door", closed},
+    {usb, "reboot motion=1 delay_ms=100 ms=300", move, disconnected, "restarted", rehomed},
+    {lamp, "reboot wire=lamp ms=300", status, disconnected, "restarted", well},
+    {lamp, "lamp_failure lit=1", lamp_on, std::nullopt, "", well},
 };
 
 /// All cases of a wire, several at a time; one complaint a line.
@@ -273,7 +347,8 @@ std::vector<std::string> complaints_of(Wired wire) {
   std::mutex mutex;
   std::vector<std::string> complaints;
   std::vector<std::jthread> workers;
-  for (int worker = 0; worker < 6; ++worker)
+  const int hands = wire == usb ? 1 : 6;  // one USB device can be emulated at a time
+  for (int worker = 0; worker < hands; ++worker)
     workers.emplace_back([&] {
       for (std::size_t n = next++; n < cases.size(); n = next++) {
         if (cases[n].wire != wire) continue;
@@ -294,13 +369,14 @@ std::vector<std::string> complaints_of(Wired wire) {
 class WireFault : public testing::TestWithParam<Wired> {};
 
 TEST_P(WireFault, IsSaidLeavesTheDrivesAtRestAndIsOverWhenItIsOver) {
-  if (!backends()[GetParam() == grbl ? 1 : 0].built)
-    GTEST_SKIP() << "this backend is left out of this build";
+  const bool modbus = GetParam() == tcp || GetParam() == rtu;
+  if (!backends()[modbus ? 0 : 1].built) GTEST_SKIP() << "this backend is left out of this build";
+  if (GetParam() == usb && !test::in_umockdevs_bed()) return test::pass_in_umockdevs_bed();
   static_cast<void>(test::enter_own_network());
   EXPECT_THAT(complaints_of(GetParam()), testing::IsEmpty());
 }
 
-INSTANTIATE_TEST_SUITE_P(Each, WireFault, testing::Values(tcp, rtu, grbl),
+INSTANTIATE_TEST_SUITE_P(Each, WireFault, testing::Values(tcp, rtu, grbl, usb, lamp),
                          [](const auto& wire) { return wire_name(wire.param); });
 
 TEST(WireFaultScript, SaysWhereItIsWrong) {
@@ -313,10 +389,13 @@ TEST(WireFaultScript, SaysWhereItIsWrong) {
   ASSERT_FALSE(wrong);
   EXPECT_THAT(wrong.error().message, testing::StartsWith("f.txt:4: error: \"mss=4\""));
   const auto sound = hosted.add_faults(
-      "silence request=3 # one\nslip axis=azimuth degrees=-2\npacket_lost frame=7\n", "f");
+      "silence request=3 # one\nslip axis=azimuth degrees=-2\npacket_lost frame=7\n"
+      "loss share=0.01 resend=no seed=3\n",
+      "f");
   EXPECT_TRUE(sound) << sound.error().message;
-  for (const char* line : {"request=3", "silence request=0", "slip axis=tilt",
-                           "packet_lost frame=0", "silnce", "stale_frame request=3"})
+  for (const char* line :
+       {"request=3", "silence request=0", "slip axis=tilt", "packet_lost frame=0", "silnce", "loss",
+        "loss share=2", "loss share=0.1 resend=maybe", "stale_frame request=3"})
     EXPECT_FALSE(hosted.add_fault(line)) << line;
   EXPECT_TRUE(hosted.struck().empty());
 }
