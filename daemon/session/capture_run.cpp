@@ -48,7 +48,8 @@ CaptureRun::CaptureRun(const CaptureTools& tools, Journal journal, Captured capt
       hand_(tools.rig, tools.prepared, tools.devices, tools.clock, tools.control.stop_token()),
       store_(tools.folder, tools.rig.camera.sensor),
       alongside_(tools.rig, tools.spec, tools.prepared, tools.folder),
-      predicted_(capture_time(tools.rig, tools.spec, tools.prepared.plan)),
+      predicted_(
+          capture_time(tools.rig, tools.spec, tools.prepared.plan, &tools.prepared.object.mesh)),
       decided_(captured_.shots.size() < 2 ? 0 : captured_.shots.size() - 2),
       began_(tools.clock.now()),
       elapsed_before_(captured_.elapsed_s),

@@ -252,6 +252,7 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
   json["cost"] = {{"plan_s", total},
                   {"peak_memory_mib", prepared.peak_memory_mib},
                   {"predicted_capture_s", plan.predicted_capture_time},
+                  {"predicted_capture_by_lights_s", prepared.capture_by_lights},
                   {"stages_s", std::move(stages)}};
   return json_text(json, 1) + "\n";
 }

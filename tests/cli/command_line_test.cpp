@@ -163,6 +163,12 @@ TEST_F(CommandLine, RefusesAnEmptyDirectoryOfMaterials) {
   EXPECT_THAT(planned.err, HasSubstr("empty"));
 }
 
+TEST_F(CommandLine, SaysHowManyFramesASessionStoresAtMost) {
+  const Json dry = Json::parse(run(lightrig + " dry-run --json " + demo).out);
+  // Eight dark frames; of every light one without the lamp and eight with it.
+  EXPECT_EQ(dry.at("frames_at_most").get<std::size_t>(), 8 + 9 * dry.at("steps").size());
+}
+
 TEST_F(CommandLine, KnowsItsMaterials) {
   const Json all = Json::parse(run(lightrig + " materials list --json").out);
   EXPECT_GE(all.size(), 40U);
