@@ -283,7 +283,7 @@ std::string pose_line(const ServiceClient& client, const std::string& png, const
   const auto pose = pose_in_preview(png, rig, prepared, position);
   if (!pose) return "pose: " + pose.error().message;
   if (!pose->told) return "pose: not told, too little of the object is seen or lit";
-  return (wrong(*pose) ? "POSE: " + pose_reason(*pose) : "pose: as modelled, " + in_words(*pose));
+  return (wrong(*pose) ? "POSE: " + pose_reason(*pose, false) : "pose: as modelled, " + in_words(*pose));
 }
 
 int snap(const SnapOptions& options) {
