@@ -227,7 +227,7 @@ int compare() {
   for (int i = 0; i < 3; ++i) {
     Times t;
     const double t0 = cpu_seconds();
-    // Pixels that see nothing of the object are left out; numpy, on whole arrays, merges them all.
+    // Pixels that see nothing of the object are left out, here and in numpy.
     const RowSpans spans = spans_of_sites(points.source, width, height);
     MergeOptions seen = merge;
     seen.spans = &spans;

@@ -80,11 +80,17 @@ std::vector<Found> usb_devices() {
   return found;
 }
 
-// Cameras are asked for by broadcast; none is opened.
-std::vector<Found> cameras() {
+// Cameras are asked for by broadcast; none is opened. What kept them from being asked goes to
+// `problem`: not finding is not the same as not being able to look.
+std::vector<Found> cameras(std::string& problem) {
   std::vector<Found> found;
   const auto answered = find_cameras();
-  if (!answered) return found;  // not in this build: `lightrig backends` says so
+  if (!answered) {
+    problem = answered.error().code == ErrorCode::not_built
+                  ? "cameras: not in this build: " + answered.error().message
+                  : "cameras: " + answered.error().message;
+    return found;
+  }
   for (const FoundCamera& camera : *answered)
     found.push_back({"camera", camera.address,
                      fmt::format("{} serial {}", camera.id, camera.serial), camera.obstacle});
@@ -108,22 +114,26 @@ int try_rig(const std::string& path) {
 int devices(const DevicesOptions& options) {
   std::vector<Found> found = serial_ports();
   for (Found& one : usb_devices()) found.push_back(std::move(one));
-  for (Found& one : cameras()) found.push_back(std::move(one));
+  std::string problem;
+  for (Found& one : cameras(problem)) found.push_back(std::move(one));
   if (options.json) {
     Json list = Json::array();
     for (const Found& one : found)
       list.push_back(
           {{"kind", one.kind}, {"name", one.name}, {"what", one.what}, {"obstacle", one.obstacle}});
-    say(json_text(Json{{"devices", std::move(list)}}));
+    say(json_text(Json{{"devices", std::move(list)},
+                       {"problems", problem.empty() ? Json::array() : Json::array({problem})}}));
   } else {
     std::vector<std::vector<std::string>> rows;
     for (const Found& one : found)
       rows.push_back({one.kind + "  " + one.name, one.what,
                       one.obstacle.empty() ? "can be opened" : one.obstacle});
     if (rows.empty())
-      say("no serial port, no USB device and no camera is there");
+      say(problem.empty() ? "no serial port, no USB device and no camera is there"
+                          : "no serial port and no USB device is there");
     else
       say(table({"device", "what it says", "opening it"}, rows));
+    if (!problem.empty()) say(problem);
   }
   return options.rig.empty() ? 0 : try_rig(options.rig);
 }

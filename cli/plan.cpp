@@ -40,10 +40,12 @@ SessionSpec with_options(SessionSpec spec, const PlanOptions& options) {
 
 std::string axis_value(const Axis& axis, double value) { return value_text(axis, value, 1); }
 
-std::string light_table(const Rig& rig, const Plan& plan) {
+std::string light_table(const Rig& rig, const Prepared& prepared) {
+  const Plan& plan = prepared.plan;
   std::vector<std::string> heads{"light", "visit"};
   for (const Axis& axis : rig.gantry.model.axes) heads.push_back(axis.name);
-  for (const char* head : {"new cells", "rank", "κ²", "predicted error"}) heads.emplace_back(head);
+  for (const char* head : {"new cells", "rank", "κ²", "predicted error", "capture so far"})
+    heads.emplace_back(head);
   std::vector<std::vector<std::string>> rows;
   for (std::size_t i = 0; i < plan.shots.size(); ++i) {
     const Shot& shot = plan.shots[i];
@@ -56,12 +58,14 @@ std::string light_table(const Rig& rig, const Plan& plan) {
       row.push_back(
           axis_value(rig.gantry.model.axes[a], shot.gantry.axes[static_cast<Eigen::Index>(a)]));
     if (shot.held_out) {
-      for (const char* cell : {"–", "–", "–", "held out"}) row.emplace_back(cell);
+      for (const char* cell : {"–", "–", "–", "held out", "–"}) row.emplace_back(cell);
     } else {
       row.push_back(std::to_string(shot.selection.new_cells));
       row.push_back(std::to_string(shot.selection.rank));
       row.push_back(figure(shot.selection.condition));
       row.push_back(percent(shot.selection.predicted_error_percent));
+      row.push_back(i < prepared.capture_by_lights.size() ? duration(prepared.capture_by_lights[i])
+                                                          : "–");
     }
     rows.push_back(std::move(row));
   }
@@ -111,7 +115,10 @@ std::string plan_words(const Rig& rig, const Prepared& prepared) {
                   duration(plan.predicted_capture_time));
   words += fmt::format("zero line  the mean material alone, no light at all: {}\n\n",
                        percent(plan.mean_only_error_percent));
-  words += light_table(rig, plan) + "\n";
+  words +=
+      light_table(rig, prepared) +
+      "capture so far: what these lights and all before them take by the quickest way, held-out "
+      "ones included\n\n";
   words += left_out_table(planned_left_out(prepared), plan.left_out.drivers_not_opened) + "\n" +
            cost_table(prepared.cost);
   words += fmt::format("peak memory {:.0f} MiB\n", prepared.peak_memory_mib);
@@ -143,31 +150,8 @@ int plan(const PlanOptions& options) {
 
 namespace {
 
-struct AxisRange {
-  double least = std::numeric_limits<double>::infinity(),
-         most = -std::numeric_limits<double>::infinity();
-};
-
-std::vector<AxisRange> axis_ranges(const Plan& plan, std::size_t axes) {
-  std::vector<AxisRange> ranges(axes);
-  for (const Shot& shot : plan.shots)
-    for (std::size_t a = 0; a < axes; ++a) {
-      const double value = shot.gantry.axes[static_cast<Eigen::Index>(a)];
-      ranges[a].least = std::min(ranges[a].least, value);
-      ranges[a].most = std::max(ranges[a].most, value);
-    }
-  return ranges;
-}
-
-// Two bytes a site before compression, for every exposure on offer with ambient and metering.
-double bytes_at_most(const Rig& rig, const Plan& plan) {
-  const double frame = 2.0 * rig.camera.model.width * rig.camera.model.height;
-  double frames = 1;
-  for (const Shot& shot : plan.shots) frames += static_cast<double>(shot.exposures.size()) + 2;
-  return frames * frame;
-}
-
-Json dry_run_json(const Rig& rig, const Prepared& prepared, const CaptureTime& time) {
+Json dry_run_json(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                  const CaptureTime& time) {
   const Plan& plan = prepared.plan;
   const std::vector<double> predicted = predicted_on_the_way(prepared);
   Json steps = Json::array();
@@ -182,7 +166,7 @@ Json dry_run_json(const Rig& rig, const Prepared& prepared, const CaptureTime& t
                      {"predicted_error_percent", predicted[i]}});
   }
   Json axes = Json::array();
-  const auto ranges = axis_ranges(plan, rig.gantry.model.axes.size());
+  const auto ranges = axis_ranges(rig.gantry.model, time);
   for (std::size_t a = 0; a < ranges.size(); ++a) {
     const Axis& axis = rig.gantry.model.axes[a];
     const AxisUnit unit = unit_of(axis);
@@ -193,14 +177,14 @@ Json dry_run_json(const Rig& rig, const Prepared& prepared, const CaptureTime& t
                     {"travel_min", axis.min * unit.per_si},
                     {"travel_max", axis.max * unit.per_si}});
   }
-  return {{"dark_s", time.dark},
-          {"steps", std::move(steps)},
-          {"total_s", time.total()},
-          {"axes", std::move(axes)},
-          {"bytes_at_most", bytes_at_most(rig, plan)}};
+  const SessionSize size = largest_session(rig, spec, plan);
+  return {{"dark_s", time.dark},           {"steps", std::move(steps)},
+          {"total_s", time.total()},       {"axes", std::move(axes)},
+          {"frames_at_most", size.frames}, {"bytes_at_most", size.bytes}};
 }
 
-std::string dry_run_words(const Rig& rig, const Prepared& prepared, const CaptureTime& time) {
+std::string dry_run_words(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                          const CaptureTime& time) {
   const Plan& plan = prepared.plan;
   const std::vector<double> predicted = predicted_on_the_way(prepared);
   std::vector<std::vector<std::string>> rows;
@@ -220,15 +204,18 @@ std::string dry_run_words(const Rig& rig, const Prepared& prepared, const Captur
             rows);
   words += "\n";
   rows.clear();
-  const auto ranges = axis_ranges(plan, rig.gantry.model.axes.size());
+  const auto ranges = axis_ranges(rig.gantry.model, time);
   for (std::size_t a = 0; a < ranges.size(); ++a) {
     const Axis& axis = rig.gantry.model.axes[a];
     rows.push_back({axis.name, axis_value(axis, ranges[a].least), axis_value(axis, ranges[a].most),
                     axis_value(axis, axis.min), axis_value(axis, axis.max)});
   }
   words += table({"axis", "least", "most", "travel from", "to"}, rows);
-  words += fmt::format("\ntotal      {} without homing\nstorage    {} at most\n",
-                       duration(time.total()), bytes(bytes_at_most(rig, plan)));
+  const SessionSize size = largest_session(rig, spec, plan);
+  words += fmt::format(
+      "\ntotal      {} without homing\nstorage    {} at most: {} frames, and the radiance of every "
+      "light once it is reduced\n",
+      duration(time.total()), bytes(size.bytes), size.frames);
   return words;
 }
 
@@ -241,9 +228,10 @@ int dry_run(const DryRunOptions& options) {
   const Rig& rig = *files.rig.value;
   const auto prepared = prepare(rig, files.spec());
   if (!prepared) return complain(with_context("plan", prepared.error()));
-  const CaptureTime time = capture_time(rig, files.spec(), prepared->plan);
-  say(options.json ? json_text(dry_run_json(rig, *prepared, time))
-                   : dry_run_words(rig, *prepared, time));
+  const SessionSpec spec = files.spec();
+  const CaptureTime time = capture_time(rig, spec, prepared->plan, &prepared->object.mesh);
+  say(options.json ? json_text(dry_run_json(rig, spec, *prepared, time))
+                   : dry_run_words(rig, spec, *prepared, time));
   return 0;
 }
 

@@ -34,12 +34,17 @@ struct Point {
   double x, y;
 };
 
-Eigen::Vector3d direction_of(const LightPosition& light) { return light.p.normalized(); }
+/// The middle of what is measured: lamp directions are as it sees them, wherever the world has its
+/// origin.
+Eigen::Vector3d middle_of(const Prepared& prepared) {
+  const auto& vertices = prepared.object.mesh.vertices;
+  return 0.5 * (vertices.rowwise().minCoeff() + vertices.rowwise().maxCoeff());
+}
 
 // Azimuthal equidistant: the distance from the middle is the angle from straight above, the rim
 // straight below, so that the whole sphere is seen.
-Point on_sphere(const LightPosition& light) {
-  const Eigen::Vector3d d = direction_of(light);
+Point on_sphere(const LightPosition& light, const Eigen::Vector3d& middle) {
+  const Eigen::Vector3d d = light.direction_from(middle).normalized();
   const double angle = std::acos(std::clamp(d.z(), -1.0, 1.0)) / std::numbers::pi;
   const double around = std::atan2(d.y(), d.x());
   return {centre + radius * angle * std::cos(around), centre - radius * angle * std::sin(around)};
@@ -83,13 +88,14 @@ std::vector<int> gains(const Prepared& prepared) {
 }
 
 std::string candidate_dots(const Prepared& prepared) {
+  const Eigen::Vector3d middle = middle_of(prepared);
   std::string svg;
   for (const UnusableCandidate& one : prepared.unusable)
-    svg += cross(on_sphere(one.light), class_of(one.why));
+    svg += cross(on_sphere(one.light, middle), class_of(one.why));
   const std::vector<int> gain = gains(prepared);
   const int most = std::max(1, gain.empty() ? 1 : *std::max_element(gain.begin(), gain.end()));
   for (std::size_t i = 0; i < prepared.candidates.size(); ++i) {
-    const Point at = on_sphere(prepared.candidates[i].light);
+    const Point at = on_sphere(prepared.candidates[i].light, middle);
     const bool dark = prepared.bins.of(static_cast<int>(i)).empty();
     const double size = dark ? 1.0 : 1.3 + 2.2 * std::sqrt(static_cast<double>(gain[i]) / most);
     svg += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='{:.1f}' class='{}'/>\n", at.x, at.y,
@@ -139,14 +145,15 @@ std::string sphere(const Prepared& prepared) {
     svg += fmt::format("<circle cx='{0}' cy='{0}' r='{1:.1f}' class='grid{2}'/>\n", centre,
                        radius * degrees / 180, degrees == 90 ? " horizon" : "");
   svg += candidate_dots(prepared);
+  const Eigen::Vector3d middle = middle_of(prepared);
   std::string way;
   for (int index : plan.visit_order) {
-    const Point at = on_sphere(plan.shots[static_cast<std::size_t>(index)].light);
+    const Point at = on_sphere(plan.shots[static_cast<std::size_t>(index)].light, middle);
     way += fmt::format("{:.1f},{:.1f} ", at.x, at.y);
   }
   svg += fmt::format("<polyline points='{}' class='way'/>\n", way);
   for (std::size_t i = 0; i < plan.shots.size(); ++i) {
-    const Point at = on_sphere(plan.shots[i].light);
+    const Point at = on_sphere(plan.shots[i].light, middle);
     svg += fmt::format(
         "<circle cx='{0:.1f}' cy='{1:.1f}' r='9' class='{2}'/>"
         "<text x='{0:.1f}' y='{3:.1f}' class='name on'>{4}</text>\n",
@@ -155,7 +162,8 @@ std::string sphere(const Prepared& prepared) {
   }
   return svg +
          fmt::format(
-             "<text x='{0}' y='{1}' class='note'>lamp directions from above; dashed: the horizon;"
+             "<text x='{0}' y='{1}' class='note'>lamp directions from the object, from above; "
+             "dashed: the horizon;"
              "</text>\n<text x='{0}' y='{2}' class='note'>rim: straight below; dotted: the way"
              "</text>\n",
              centre, centre + radius + 16, centre + radius + 30) +

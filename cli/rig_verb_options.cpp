@@ -27,7 +27,8 @@ void add_rig_verbs(Verbs& verbs) {
   verb->add_option("--stop", plan_options->stop, "literal, plateau or count")
       ->check(CLI::IsMember({"literal", "plateau", "count"}));
   verb->add_option("--svg", plan_options->svg, "Draw the plan here");
-  verb->add_flag("--brute-force", plan_options->brute_force, "Compute it without any shortcut");
+  verb->add_flag("--brute-force", plan_options->brute_force,
+                 "Compute it without any shortcut, in binning and in choosing");
 
   auto dry_options = std::make_shared<DryRunOptions>();
   verb = with_json(

@@ -1,10 +1,12 @@
 // The verbs that talk to the service of one rig.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <numbers>
+#include <optional>
 #include <thread>
 
 #include "cli/json_fields.h"
@@ -266,24 +268,46 @@ int sessions(const ServiceOptions& options) {
   return 0;
 }
 
+/// Where the service says that the gantry stands; empty where it does not know.
+Result<std::optional<GantryPosition>> gantry_position(const ServiceClient& client, const Rig& rig) {
+  const auto status = client.get_json("/v1/status");
+  if (!status) return tl::unexpected(status.error());
+  const Json at = part(part(part(*status, "devices"), "gantry"), "position");
+  if (at.size() != rig.gantry.model.axes.size()) return std::optional<GantryPosition>();
+  GantryPosition position;
+  position.axes.resize(static_cast<Eigen::Index>(at.size()));
+  for (std::size_t i = 0; i < at.size(); ++i) {
+    if (!at[i].is_number()) return std::optional<GantryPosition>();
+    position.axes[static_cast<Eigen::Index>(i)] = at[i].get<double>();
+  }
+  return std::optional<GantryPosition>(position);
+}
+
 /// How the object lies in a frame that was just taken with the lamp, in words.
-std::string pose_line(const ServiceClient& client, const std::string& png, const Rig& rig,
-                      const Prepared& prepared, bool just_lit) {
+std::string pose_line(const std::string& png, const Rig& rig, const Prepared& prepared,
+                      const std::optional<GantryPosition>& at, bool just_lit) {
   if (!just_lit)
     return "whether the object lies as modelled is told of a frame taken with the lamp: add "
            "--exposure S --lamp";
-  const auto status = client.get_json("/v1/status");
-  if (!status) return "pose: " + status.error().message;
-  const Json at = part(part(part(*status, "devices"), "gantry"), "position");
-  GantryPosition position;
-  position.axes.resize(static_cast<Eigen::Index>(at.size()));
-  for (std::size_t i = 0; i < at.size(); ++i)
-    position.axes[static_cast<Eigen::Index>(i)] = at[i].is_number() ? at[i].get<double>() : 0;
-  if (at.size() != rig.gantry.model.axes.size()) return "pose: the gantry's position is not known";
-  const auto pose = pose_in_preview(png, rig, prepared, position);
+  if (!at) return "pose: the gantry's position is not known";
+  const auto pose = pose_in_preview(png, rig, prepared, *at);
   if (!pose) return "pose: " + pose.error().message;
   if (!pose->told) return "pose: not told, too little of the object is seen or lit";
-  return (wrong(*pose) ? "POSE: " + pose_reason(*pose) : "pose: as modelled, " + in_words(*pose));
+  return (wrong(*pose) ? "POSE: " + pose_reason(*pose, false)
+                       : "pose: as modelled, " + in_words(*pose));
+}
+
+/// Planned lights whose highlight is not drawn, and why; "" where all are.
+std::string not_drawn(const Plan& plan, const ExpectedHighlights& highlights) {
+  std::string words;
+  const auto add = [&](const std::vector<int>& shots, const char* why) {
+    std::vector<std::string> names;
+    for (const int shot : shots) names.push_back(shot_name(plan, shot));
+    if (!names.empty()) words += fmt::format("not drawn: {}: {}\n", fmt::join(names, ", "), why);
+  };
+  add(highlights.at_another_turn, "planned at another turn of the object than it stands at now");
+  add(highlights.lights_nothing, "lights nothing that the camera sees");
+  return words;
 }
 
 int snap(const SnapOptions& options) {
@@ -310,17 +334,25 @@ int snap(const SnapOptions& options) {
   if (!files.valid()) return 1;
   const auto prepared = prepare(*files.rig.value, files.spec());
   if (!prepared) return complain(with_context("plan", prepared.error()));
-  const auto drawn = overlay_png(*png, *files.rig.value, *prepared);
+  const Rig& rig = *files.rig.value;
+  const auto at = gantry_position(client, rig);
+  if (!at) return complain(at.error());
+  const GantryPosition stands = at->value_or(home_position(rig.gantry.model));
+  const auto drawn = overlay_png(*png, rig, *prepared, stands);
   if (!drawn) return complain(drawn.error());
   if (auto written = write_durably(options.output, *drawn); !written)
     return complain(written.error());
+  const ExpectedHighlights highlights = expected_highlights(rig, *prepared, stands);
   std::vector<std::vector<std::string>> rows;
-  for (const ExpectedHighlight& one : expected_highlights(*files.rig.value, *prepared))
+  for (const ExpectedHighlight& one : highlights.seen)
     rows.push_back({shot_name(prepared->plan, one.shot),
                     fmt::format("{:.0f}, {:.0f}", one.pixel.x(), one.pixel.y()),
                     fmt::format("{:.1f}°", one.off * 180 / std::numbers::pi)});
-  say(table({"light", "highlight at column, row", "from the mirror direction"}, rows) +
-      pose_line(client, *png, *files.rig.value, *prepared, options.exposure > 0 && options.lamp) +
+  std::string words =
+      table({"light", "highlight at column, row", "from the mirror direction"}, rows) +
+      not_drawn(prepared->plan, highlights);
+  if (!*at) words += "the gantry's position is not known: drawn as at home\n";
+  say(words + pose_line(*png, rig, *prepared, *at, options.exposure > 0 && options.lamp) +
       "\nlast frame with the model's outline (green) and highlights (rings) written to " +
       options.output);
   return 0;

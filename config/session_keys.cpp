@@ -254,7 +254,8 @@ TableSpec stop_table() {
        .unit = units::none,
        .range = {0, 100000, true},
        .need = Need::optional,
-       .doc = "After so many minutes [min]."},
+       .doc =
+           "After so many minutes [min], and before a light that would not fit in what is left."},
       {.name = "lights",
        .kind = ValueKind::integer,
        .range = {1, 10000},

@@ -130,6 +130,38 @@ std::vector<Trial> together(const std::vector<std::vector<Trial>>& parts) {
   return pooled;
 }
 
+/// Greatest, over folds, rows and columns left out, of what a column lies outside the range of the
+/// columns within, in such ranges. Rows that all columns within agree on have none.
+double range_slack(const Training& training, const std::vector<Fold>& folds) {
+  const Eigen::Index rows = training.X.rows();
+  const auto count = static_cast<Eigen::Index>(folds.size());
+  Eigen::ArrayXXd low(rows, count), high(rows, count);
+  for (Eigen::Index f = 0; f < count; ++f) {
+    const std::vector<Eigen::Index>& out = folds[static_cast<std::size_t>(f)].out;
+    low.col(f) = high.col(f) = training.X.col(out.front()).array();
+    for (const Eigen::Index j : out) {
+      low.col(f) = low.col(f).min(training.X.col(j).array());
+      high.col(f) = high.col(f).max(training.X.col(j).array());
+    }
+  }
+  double slack = 0;
+  for (Eigen::Index f = 0; f < count; ++f) {
+    Eigen::ArrayXd below = Eigen::ArrayXd::Constant(rows, std::numeric_limits<double>::infinity());
+    Eigen::ArrayXd above = -below;
+    for (Eigen::Index other = 0; other < count; ++other) {
+      if (other == f) continue;
+      below = below.min(low.col(other));
+      above = above.max(high.col(other));
+    }
+    const Eigen::ArrayXd range = above - below;
+    const Eigen::ArrayXd outside = (below - low.col(f)).max(high.col(f) - above);
+    for (Eigen::Index r = 0; r < rows; ++r) {
+      if (range[r] > 0) slack = std::max(slack, outside[r] / range[r]);
+    }
+  }
+  return std::min(slack, 1.0);
+}
+
 }  // namespace
 
 LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
@@ -148,6 +180,7 @@ LeaveOut leave_materials_out(const BrdfBasis& basis, const Training& training,
     return out;
   }
   out.any = true;
+  out.range_slack = range_slack(training, all);
   double unsaid2 = 0;
   for (const Fold& fold : all) unsaid2 += fold.residual2.mean() / static_cast<double>(all.size());
   out.unsaid_sigma = std::sqrt(unsaid2 / valid_rows);

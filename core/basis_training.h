@@ -32,6 +32,9 @@ struct LeaveOut {
   double unsaid_sigma = 0;  ///< mapped units: rms of what no coefficients can say
   ErrorCalibration calibration;
   bool any = false;  ///< false: too few materials to leave any out
+  /// Of a row's training range, what it has to be wider by on either side so that no fold's range
+  /// cuts a material that was left out of it; at most 1.
+  double range_slack = 0.5;
 };
 
 /// Folds over groups, a family never torn apart: a material whose siblings are in the basis is no

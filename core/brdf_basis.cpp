@@ -250,13 +250,12 @@ Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOpt
   basis.stddev = basis.training_stddev;
   basis.variance_captured = s.lambda.head(k).sum() / K.trace();
   if (options.sigma_folds >= 2) {
-    // An unseen material may lie outside the training range; half of it more on either side still
-    // keeps exp from overflowing.
-    const Eigen::VectorXd slack = 0.5 * (basis.y_max - basis.y_min);
-    basis.y_min -= slack;
-    basis.y_max += slack;
     const LeaveOut unseen =
         leave_materials_out(basis, training, K, options.sigma_folds, options.threads);
+    // An unseen material may lie outside the training range.
+    const Eigen::VectorXd slack = unseen.range_slack * (basis.y_max - basis.y_min);
+    basis.y_min -= slack;
+    basis.y_max += slack;
     basis.stddev = unseen.stddev;
     basis.model_sigma = unseen.model_sigma;
     basis.unsaid_sigma = unseen.unsaid_sigma;

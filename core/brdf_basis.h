@@ -73,7 +73,7 @@ struct BrdfBasis {
   Eigen::VectorXd stddev;
   Eigen::VectorXd training_stddev;  ///< (k), descending: over the training set itself
   Eigen::VectorXd y_min,
-      y_max;  ///< (rows): training range; with folds, half as wide again either way
+      y_max;  ///< (rows): training range; with folds, as wide as unseen materials need it
   /// Standard deviation of a row in a fit besides its noise: what the basis cannot say of unseen
   /// materials, mapped units. The one of least error when materials are left out.
   double model_sigma = 0.15;

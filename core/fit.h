@@ -46,12 +46,16 @@ Coefficients fit(const BrdfBasis& basis, std::span<const BrdfObservations> light
 /// The reconstructed BRDF with what is known of its error.
 struct Reconstruction {
   BrdfTable brdf;
-  Eigen::ArrayXXd log_stddev;          ///< (cells × C), standard deviation in mapped units
+  Eigen::ArrayXXd log_stddev;          ///< (cells × C), standard deviation of ln f
   double predicted_error_percent = 0;  ///< expected percentage error [docs/method.md]
   double predicted_low_percent = 0, predicted_high_percent = 0;  ///< 90 % interval
   int clipped_cells = 0;
 };
 Reconstruction reconstruct(const BrdfBasis& basis, const Coefficients& coefficients);
+
+/// d ln f/dy of the mapping at f, ln f held at the floor below it: what a deviation in mapped units
+/// is multiplied by to be one of ln f. 1 for a plain logarithm.
+double ln_slope(const LogMapping& mapping, int cell, double f);
 
 /// The percentage error expected of an estimate with this posterior; needs no measurement, so the
 /// planner uses it with c = 0. 100·√(E‖ln f̂ − ln f‖² / E‖ln f‖²): the numerator is the trace of the

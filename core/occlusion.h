@@ -37,7 +37,7 @@ class Occluder {
   bool blocked(const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
                const LightPosition& light) const;
 
-  /// blocked() for up to many points at once (packets); writes 1 where blocked.
+  /// blocked() for many points, one ray after another; writes 1 where blocked.
   void blocked(std::span<const Eigen::Vector3d> points, std::span<const Eigen::Vector3d> normals,
                const LightPosition& light, std::span<std::uint8_t> out) const;
 

@@ -8,13 +8,6 @@
 namespace lightrig {
 namespace {
 
-/// d ln f/dy of the mapping at f: 1 for a plain logarithm.
-double ln_slope(const LogMapping& mapping, int cell, double f) {
-  if (mapping.kind == Mapping::ln_floor) return 1;
-  const double g = std::max(f, mapping.floor);
-  return 1 / (g * map_slope(mapping, cell, f));
-}
-
 /// Variance of mean + V c at every row of a block, posterior and model error together.
 Eigen::ArrayXd row_variance(const BrdfBasis& basis, Eigen::Index first, Eigen::Index rows,
                             const Eigen::MatrixXd& covariance) {
@@ -31,6 +24,18 @@ struct LogNorms {
   double percent() const { return ln2 + error2 > 0 ? 100 * std::sqrt(error2 / (ln2 + error2)) : 0; }
 };
 
+/// From mapped units to those of ln f.
+Eigen::ArrayXXd in_ln(const BrdfBasis& basis, const BrdfTable& brdf, Eigen::ArrayXXd stddev) {
+  if (basis.mapping.kind == Mapping::ln_floor) return stddev;
+  for (int cell = 0; cell < basis.grid.cells(); ++cell) {
+    if (!basis.valid[static_cast<std::size_t>(cell)]) continue;
+    for (Eigen::Index channel = 0; channel < stddev.cols(); ++channel)
+      stddev(cell, channel) *= ln_slope(basis.mapping, cell, brdf.f(cell, channel));
+  }
+  return stddev;
+}
+
+/// `stddev` (cells × C) of ln f.
 LogNorms log_norms(const BrdfBasis& basis, const BrdfTable& brdf, const Eigen::ArrayXXd& stddev) {
   LogNorms norms;
   for (int cell = 0; cell < basis.grid.cells(); ++cell) {
@@ -38,9 +43,8 @@ LogNorms log_norms(const BrdfBasis& basis, const BrdfTable& brdf, const Eigen::A
     for (Eigen::Index channel = 0; channel < brdf.f.cols(); ++channel) {
       const double f = brdf.f(cell, channel);
       const double ln_f = std::log(std::max(f, basis.mapping.floor));
-      const double ln_stddev = stddev(cell, channel) * ln_slope(basis.mapping, cell, f);
       norms.ln2 += ln_f * ln_f;
-      norms.error2 += ln_stddev * ln_stddev;
+      norms.error2 += stddev(cell, channel) * stddev(cell, channel);
     }
   }
   return norms;
@@ -63,6 +67,12 @@ Eigen::ArrayXXd stddev_of(const BrdfBasis& basis, std::span<const Eigen::MatrixX
 }
 
 }  // namespace
+
+double ln_slope(const LogMapping& mapping, int cell, double f) {
+  if (mapping.kind == Mapping::ln_floor) return 1;
+  const double g = std::max(f, mapping.floor);
+  return 1 / (g * map_slope(mapping, cell, f));
+}
 
 PosteriorSize posterior_size(const BrdfBasis& basis, std::span<const Eigen::MatrixXd> covariance,
                              const Eigen::MatrixXd& c) {
@@ -123,7 +133,8 @@ Reconstruction reconstruct(const BrdfBasis& basis, const Coefficients& coefficie
   CHECK(coefficients.covariance.size() == static_cast<std::size_t>(coefficients.c.cols()));
   Reconstruction out;
   out.brdf = evaluate(basis, coefficients.c, &out.clipped_cells);
-  out.log_stddev = stddev_of(basis, coefficients.covariance, out.brdf.f.cols());
+  out.log_stddev =
+      in_ln(basis, out.brdf, stddev_of(basis, coefficients.covariance, out.brdf.f.cols()));
   const PosteriorSize size = posterior_size(basis, coefficients);
   out.log_stddev *= calibration_factor(basis, size);
   out.predicted_error_percent = log_norms(basis, out.brdf, out.log_stddev).percent();
@@ -140,8 +151,8 @@ double predicted_error_percent(const BrdfBasis& basis, std::span<const Eigen::Ma
   const PosteriorSize size = posterior_size(basis, covariance, c);
   const bool whole = basis.layout == ChannelLayout::columns || c.cols() == 1;
   if (basis.mapping.kind != Mapping::ln_floor || !whole) {
-    const Eigen::ArrayXXd stddev =
-        calibration_factor(basis, size) * stddev_of(basis, covariance, brdf.f.cols());
+    const Eigen::ArrayXXd stddev = calibration_factor(basis, size) *
+                                   in_ln(basis, brdf, stddev_of(basis, covariance, brdf.f.cols()));
     return log_norms(basis, brdf, stddev).percent();
   }
   // V's columns are orthonormal: the trace over the grid is the trace of the coefficients.

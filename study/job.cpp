@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 #include <random>
+#include <span>
 #include <tuple>
 
 #include "core/planner.h"
@@ -57,7 +58,7 @@ std::vector<std::int32_t> cells_of(const CandidateBins& bins, const std::vector<
 
 struct Chosen {
   std::vector<int> lights;
-  std::vector<double> condition;  ///< after each light
+  std::vector<double> condition;  ///< after each light, κ² of the paper's basis; NaN: not asked
 };
 
 Chosen choose(const BrdfBasis& basis, const CandidateBins& bins, Criterion criterion, int most,
@@ -150,11 +151,24 @@ class Job {
     const std::tuple<bool, bool, int> key{condition, method.pixels, k};
     if (const auto there = chosen_.find(key); there != chosen_.end()) return there->second;
     watch_.lap("other");
-    const Chosen chosen =
-        choose(truncated(whole, k), bins(method),
-               condition ? Criterion::condition : Criterion::a_optimal, most(), 1);
+    Chosen chosen = choose(truncated(whole, k), bins(method),
+                           condition ? Criterion::condition : Criterion::a_optimal, most(), 1);
+    if (!condition) condition_of_paper(method, chosen);
     watch_.lap("plan " + method.name);
     return chosen_.emplace(key, chosen).first->second;
+  }
+
+  /// κ² of the paper's basis at every reported number of lights that another criterion chose: what
+  /// the column holds for every method.
+  void condition_of_paper(const MethodSpec& method, Chosen& chosen) const {
+    chosen.condition.assign(chosen.lights.size(), std::nan(""));
+    for (const int n : lights_) {
+      const auto count = static_cast<std::size_t>(n);
+      if (count > chosen.lights.size()) continue;
+      chosen.condition[count - 1] =
+          conditioning(split_.paper, bins(method), std::span(chosen.lights.data(), count))
+              .condition;
+    }
   }
 
   void without_lights(const MethodSpec& method) {

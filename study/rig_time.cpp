@@ -72,7 +72,7 @@ double RigTime::seconds(std::span<const int> lights) const {
     plan.shots.push_back(std::move(shot));
   }
   plan.visit_order = order_route(rig_.gantry.model, home_position(rig_.gantry.model), stops);
-  return capture_time(rig_, session_, plan).total();
+  return capture_time(rig_, session_, plan, nullptr).total();
 }
 
 }  // namespace lightrig

@@ -17,7 +17,8 @@ struct StudyRow {
   std::string material;
   double percent_log = 0, percent_linear_cos = 0, median_abs_log = 0;
   double predicted = 0, predicted_low = 0, predicted_high = 0;  ///< [%]; NaN: method makes none
-  double condition = 0;  ///< κ² of the paper's basis; ∞ kept
+  double condition = 0;  ///< κ² of the paper's basis, or of its first k components where condition
+                         ///< numbers over so many chose; ∞ kept; NaN: random lights, or none
   double capture_s = 0;  ///< [s] predicted on the given rig; NaN without one
 };
 

@@ -14,6 +14,7 @@
 #include "config/load_materials.h"
 #include "core/parallel.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/input_hash.h"
 #include "study/report.h"
 #include "study/store.h"
 #include "study/study.h"
@@ -82,16 +83,14 @@ StudyIdentity identity_of(const StudyOptions& o, const std::vector<Material>& ma
   identity.splits = o.splits;
   std::vector<std::string> methods;
   for (const MethodSpec& m : specs) methods.push_back(m.name);
-  std::string names;
-  for (const Material& m : materials) names += m.name + "\n";
   identity.text = fmt::format(
-      "schema=lightrig.study/3\nmaterials={}\nmaterial_count={}\nmaterial_names_sha256={}\n"
+      "schema=lightrig.study/4\nmaterials={}\nmaterial_count={}\nmaterials_sha256={}\n"
       "splits={}\ntrain_fraction={}\nrandom_runs={}\ncandidates={}\ncomponents={}\nfloor={}\n"
       "exposures={}\nmetered={}\nnoise={}\nseed={}\nmethods={}\ntable1={}\nseconds_per_light={}\n",
-      o.materials == "builtin" ? "builtin" : "directory", materials.size(), sha256_hex(names),
-      o.splits, o.train_fraction, o.random_runs, o.candidates, o.components, o.floor, o.exposures,
-      o.metered ? 1 : 0, o.noise, o.seed, fmt::join(methods, " "), o.table1 ? 1 : 0,
-      o.seconds_per_light);
+      o.materials == "builtin" ? "builtin" : "directory", materials.size(),
+      materials_hash(materials), o.splits, o.train_fraction, o.random_runs, o.candidates,
+      o.components, o.floor, o.exposures, o.metered ? 1 : 0, o.noise, o.seed,
+      fmt::join(methods, " "), o.table1 ? 1 : 0, o.seconds_per_light);
   if (rig != nullptr) {
     identity.text +=
         fmt::format("rig={}\nrig_sha256={}\n", rig->rig().name, sha256_hex(rig->rig().text));
@@ -99,7 +98,9 @@ StudyIdentity identity_of(const StudyOptions& o, const std::vector<Material>& ma
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     identity.objects.push_back(scenes[i].object);
     identity.lights.push_back(lights[i]);
-    identity.text += fmt::format("object {}={}\n", scenes[i].object, fmt::join(lights[i], " "));
+    identity.text +=
+        fmt::format("object {}={}\nmesh_sha256 {}={}\n", scenes[i].object,
+                    fmt::join(lights[i], " "), scenes[i].object, scenes[i].mesh_sha256);
   }
   return identity;
 }

@@ -9,6 +9,7 @@
 #include "config/load_object.h"
 #include "core/occlusion.h"
 #include "core/surface_points.h"
+#include "daemon/session/input_hash.h"
 
 namespace lightrig {
 namespace {
@@ -83,6 +84,7 @@ Result<StudyScene> make_scene(const std::string& object, const StudyOptions& opt
   StudyScene scene;
   scene.object = std::filesystem::path(object).stem().string();
   scene.description = loaded->description;
+  scene.mesh_sha256 = mesh_hash(loaded->mesh);
   scene.candidates = lights_over_sphere(options.candidates);
   const auto bins = [&](const SurfacePoints& points) {
     return bin_candidates(points, scene.candidates, grid, valid, no_grazing_limits, occluder,

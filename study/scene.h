@@ -15,6 +15,7 @@ namespace lightrig {
 struct StudyScene {
   std::string object;       ///< name in tables
   std::string description;  ///< vertices, what was repaired
+  std::string mesh_sha256;  ///< [input_hash.h]
   std::vector<LightPosition> candidates;
   CandidateBins vertex_bins;  ///< the paper's points
   CandidateBins pixel_bins;   ///< camera pixels with interpolated normals

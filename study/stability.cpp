@@ -16,7 +16,7 @@ std::string json_number(double x) { return std::isfinite(x) ? fmt::format("{:.17
 }  // namespace
 
 StabilityCase judged(std::string group, std::string name, double reference, double value,
-                     double naive, double tolerance) {
+                     std::optional<double> naive, double tolerance) {
   StabilityCase c{std::move(group), std::move(name), reference, value, 0, naive, tolerance, false};
   if (reference == value) {
     c.relative_error = 0;
@@ -36,8 +36,9 @@ int StabilityReport::failed() const {
 
 StabilityReport run_stability() {
   StabilityReport report;
-  for (const auto& cases : {condition_cases(), posterior_cases(), angle_cases(), planner_cases(),
-                            geometry_cases(), material_cases(), bracket_cases(), motion_cases()}) {
+  for (const auto& cases :
+       {condition_cases(), posterior_cases(), angle_cases(), planner_cases(), geometry_cases(),
+        material_cases(), fit_cases(), bracket_cases(), motion_cases()}) {
     report.cases.insert(report.cases.end(), cases.begin(), cases.end());
   }
   return report;
@@ -47,8 +48,9 @@ std::string stability_text(const StabilityReport& report) {
   std::string out = fmt::format("{:<11} {:<58} {:>16} {:>16} {:>9} {:>12}\n", "subject", "case",
                                 "reference", "lightrig", "rel.err", "naive");
   for (const StabilityCase& c : report.cases) {
-    out += fmt::format("{:<11} {:<58} {:>16.9g} {:>16.9g} {:>9.1e} {:>12.5g}  {}\n", c.group,
-                       c.name, c.reference, c.value, c.relative_error, c.naive,
+    out += fmt::format("{:<11} {:<58} {:>16.9g} {:>16.9g} {:>9.1e} {:>12}  {}\n", c.group, c.name,
+                       c.reference, c.value, c.relative_error,
+                       c.naive ? fmt::format("{:.5g}", *c.naive) : "–",
                        c.pass ? "ok" : fmt::format("FAILED (at most {:.0e})", c.tolerance));
   }
   out += fmt::format("cases={} failed={}\n", report.cases.size(), report.failed());
@@ -63,7 +65,8 @@ std::string stability_json(const StabilityReport& report) {
         "{}{{\"group\": \"{}\", \"name\": \"{}\", \"reference\": {}, \"value\": {}, "
         "\"relative_error\": {}, \"naive\": {}, \"tolerance\": {}, \"pass\": {}}}",
         separator, c.group, c.name, json_number(c.reference), json_number(c.value),
-        json_number(c.relative_error), json_number(c.naive), json_number(c.tolerance), c.pass);
+        json_number(c.relative_error), c.naive ? json_number(*c.naive) : "null",
+        json_number(c.tolerance), c.pass);
     separator = ",\n  ";
   }
   return out + fmt::format("\n], \"failed\": {}}}\n", report.failed());

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "study/stability.h"
@@ -8,7 +9,10 @@ namespace lightrig {
 
 /// A case from its numbers: the relative error and the verdict follow.
 StabilityCase judged(std::string group, std::string name, double reference, double value,
-                     double naive, double tolerance);
+                     std::optional<double> naive, double tolerance);
+
+/// Of a case that no textbook formula answers.
+inline constexpr std::nullopt_t no_naive = std::nullopt;
 
 /// The cases by subject.
 std::vector<StabilityCase> condition_cases();
@@ -17,6 +21,7 @@ std::vector<StabilityCase> angle_cases();
 std::vector<StabilityCase> planner_cases();
 std::vector<StabilityCase> geometry_cases();
 std::vector<StabilityCase> material_cases();
+std::vector<StabilityCase> fit_cases();
 std::vector<StabilityCase> bracket_cases();
 std::vector<StabilityCase> motion_cases();
 

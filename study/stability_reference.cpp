@@ -1,6 +1,7 @@
 #include "study/stability_reference.h"
 
 #include <boost/multiprecision/cpp_bin_float.hpp>
+#include <cmath>
 #include <limits>
 
 namespace lightrig {
@@ -112,6 +113,41 @@ double reference_posterior_trace(const Eigen::VectorXd& s, const Eigen::MatrixXd
   Real trace = 0;
   for (std::size_t i = 0; i < n; ++i) trace += inverse[i][i];
   return static_cast<double>(trace);
+}
+
+Eigen::VectorXd reference_map(const Eigen::MatrixXd& G, const Eigen::VectorXd& f,
+                              const Eigen::VectorXd& noise, double floor, double mean, double sigma,
+                              const Eigen::VectorXd& s) {
+  const Eigen::Index k = G.cols();
+  if (G.rows() == 0) return Eigen::VectorXd::Zero(k);
+  const auto n = static_cast<std::size_t>(k);
+  Columns A(n, std::vector<Real>(n + 1, Real(0)));  // the last column is the right-hand side
+  for (Eigen::Index r = 0; r < G.rows(); ++r) {
+    const Real value = f[r] > floor ? Real(f[r]) : Real(floor);
+    const Real weight = 1 / (Real(noise[r]) / (value * value) + Real(sigma) * Real(sigma));
+    const Real y = log(value) - Real(mean);
+    for (std::size_t i = 0; i < n; ++i) {
+      const Real g = weight * Real(G(r, static_cast<Eigen::Index>(i)));
+      for (std::size_t j = 0; j < n; ++j) A[i][j] += g * Real(G(r, static_cast<Eigen::Index>(j)));
+      A[i][n] += g * y;
+    }
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    const double prior = s[static_cast<Eigen::Index>(i)];
+    if (std::isfinite(prior)) A[i][i] += 1 / (Real(prior) * Real(prior));
+  }
+  // Gauss–Jordan elimination; a positive definite matrix needs no pivots.
+  for (std::size_t p = 0; p < n; ++p) {
+    for (std::size_t i = 0; i < n; ++i) {
+      if (i == p) continue;
+      const Real factor = A[i][p] / A[p][p];
+      for (std::size_t j = p; j <= n; ++j) A[i][j] -= factor * A[p][j];
+    }
+  }
+  Eigen::VectorXd c(k);
+  for (std::size_t i = 0; i < n; ++i)
+    c[static_cast<Eigen::Index>(i)] = static_cast<double>(Real(A[i][n] / A[i][i]));
+  return c;
 }
 
 ReferenceAngles reference_angles(const Eigen::Vector3d& n, const Eigen::Vector3d& l,

@@ -16,6 +16,12 @@ ReferenceRatio reference_condition(const Eigen::MatrixXd& G);
 /// tr((diag(1/s²) + GᵀG/σ²)⁻¹), s > 0.
 double reference_posterior_trace(const Eigen::VectorXd& s, const Eigen::MatrixXd& G, double sigma);
 
+/// c of least Σ(ln max(f, floor) − mean − Gc)²/(noise/max(f, floor)² + sigma²) + Σ(c/s)²; s may be
+/// infinite. Rows of G all hold; zero where there is no row.
+Eigen::VectorXd reference_map(const Eigen::MatrixXd& G, const Eigen::VectorXd& f,
+                              const Eigen::VectorXd& noise, double floor, double mean, double sigma,
+                              const Eigen::VectorXd& s);
+
 /// θh and θd of unit vectors (0, 0, 1), (sin a, 0, cos a), (sin b, 0, cos b), as the angles are
 /// defined: acos(n·h) and acos(l·h) with h the normalised sum.
 struct ReferenceAngles {

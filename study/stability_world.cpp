@@ -3,7 +3,9 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
+#include <span>
 
 #include "core/brdf_basis.h"
 #include "core/candidate_bins.h"
@@ -23,7 +25,7 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// The cells that 40 distant or near lights show on a mesh, all vertices in view from +z.
-std::vector<std::int32_t> cells_seen(const Mesh& mesh, double size, bool distant) {
+CandidateBins cells_seen(const Mesh& mesh, double size, bool distant) {
   SurfacePoints points;
   points.position = mesh.vertices;
   points.normal = mesh.normals;
@@ -36,7 +38,7 @@ std::vector<std::int32_t> cells_seen(const Mesh& mesh, double size, bool distant
   }
   const Occluder occluder(mesh);
   return bin_candidates(points, lights, {}, {}, GrazingLimits{}, occluder, ShadowRays::needed, 1)
-      .bins.cell;
+      .bins;
 }
 
 /// Cells that lights straight and nearly straight behind a ball show.
@@ -57,11 +59,14 @@ double cells_from_behind(bool distant) {
           .bins.cell.size());
 }
 
-/// How many places of two lists of cells differ, or the longer length where lengths do.
-double differences(const std::vector<std::int32_t>& a, const std::vector<std::int32_t>& b) {
-  if (a.size() != b.size()) return static_cast<double>(std::max(a.size(), b.size()));
+/// How many cells a light shows in only one of two.
+double differences(const CandidateBins& a, const CandidateBins& b) {
   double count = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) count += a[i] != b[i] ? 1 : 0;
+  for (int light = 0; light < a.candidates(); ++light) {
+    std::vector<std::int32_t> only;
+    std::ranges::set_symmetric_difference(a.of(light), b.of(light), std::back_inserter(only));
+    count += static_cast<double>(only.size());
+  }
   return count;
 }
 
@@ -75,6 +80,16 @@ Material material_of(const char* name, const BivariateGrid& grid, double scale, 
 
 Frame frame_of(std::uint16_t counts, double exposure) {
   return {{2, 1, {counts, counts}}, exposure, 1};
+}
+
+/// What averaging all exposures' own radiances gives.
+double naive_mean(std::span<const Frame> frames, const SensorModel& model) {
+  double sum = 0;
+  for (const Frame& frame : frames) {
+    sum += model.gain * (static_cast<double>(frame.counts.counts[0]) - model.black_level) /
+           frame.exposure;
+  }
+  return sum / static_cast<double>(frames.size());
 }
 
 SensorModel sensor() {
@@ -95,27 +110,42 @@ std::vector<StabilityCase> geometry_cases() {
   std::vector<StabilityCase> cases;
   const Mesh unit = make_torus(1.0, 0.4, 1);
   for (const bool distant : {true, false}) {
-    const std::vector<std::int32_t> expected = cells_seen(unit, 1, distant);
+    const CandidateBins expected = cells_seen(unit, 1, distant);
+    // Other sizes round a coordinate by ε. An angle crosses a threshold of its grid by that for one
+    // in 1e12 of the 1e5 pairs of light and vertex; a shadow ray, single precision of the object's
+    // size (6e-8), passes so near one of the few outlines that shade for one in 1e6 of them; and a
+    // cell changes only where no other vertex shows it. One cell at most, so.
+    const double expected_size = static_cast<double>(expected.cell.size());
     // Powers of two change no digit of a coordinate: every cell must be the same.
     for (const int power : {-13, 10}) {
       const double size = std::ldexp(1.0, power);
       Mesh scaled = unit;
       scaled.vertices *= size;
-      const std::vector<std::int32_t> found = cells_seen(scaled, size, distant);
+      const CandidateBins found = cells_seen(scaled, size, distant);
       cases.push_back(judged("geometry",
                              fmt::format("a torus of {:.1e} m, {} lamp: cells that differ", size,
                                          distant ? "distant" : "near"),
-                             0, differences(expected, found), 0, 0));
+                             0, differences(expected, found), no_naive, 0));
+    }
+    for (const double size : {1e-4, 1e3}) {
+      Mesh scaled = unit;
+      scaled.vertices *= size;
+      const double in_common =
+          expected_size - differences(expected, cells_seen(scaled, size, distant));
+      cases.push_back(judged("geometry",
+                             fmt::format("a torus of {:.0e} m, {} lamp: cells in common", size,
+                                         distant ? "distant" : "near"),
+                             expected_size, in_common, no_naive, 1 / expected_size));
     }
   }
   const Mesh plane = make_plane(1.0, 1.0, 4);
   cases.push_back(judged("geometry", "a true plane: each of 40 distant lights shows one cell", 40,
-                         static_cast<double>(cells_seen(plane, 1, true).size()), 0, 0));
+                         static_cast<double>(cells_seen(plane, 1, true).cell.size()), no_naive, 0));
   for (const bool distant : {true, false}) {
     cases.push_back(
         judged("geometry",
                fmt::format("{} lights behind the object: no cell", distant ? "distant" : "near"), 0,
-               cells_from_behind(distant), 1, 0));
+               cells_from_behind(distant), no_naive, 0));
   }
   Mesh broken = make_sphere(1.0, 1);
   const Eigen::Index t = broken.triangles.cols(), v = broken.vertices.cols();
@@ -133,22 +163,22 @@ std::vector<StabilityCase> geometry_cases() {
       Eigen::Vector3i(broken.triangles(0, 0), broken.triangles(1, 0), n + 1);  // a fin
   const RepairedMesh mended = repaired(broken);
   cases.push_back(judged("geometry", "degenerate triangles dropped", 1,
-                         mended.repairs.degenerate_triangles, 0, 0));
+                         mended.repairs.degenerate_triangles, no_naive, 0));
   cases.push_back(judged("geometry", "duplicated triangles dropped", 1,
-                         mended.repairs.duplicate_triangles, 0, 0));
+                         mended.repairs.duplicate_triangles, no_naive, 0));
   cases.push_back(judged("geometry", "vertices that are not numbers dropped", 1,
-                         mended.repairs.non_finite_vertices, 0, 0));
-  cases.push_back(
-      judged("geometry", "non-manifold edges said", 1, mended.repairs.non_manifold_edges, 0, 0));
+                         mended.repairs.non_finite_vertices, no_naive, 0));
+  cases.push_back(judged("geometry", "non-manifold edges said", 1,
+                         mended.repairs.non_manifold_edges, no_naive, 0));
   cases.push_back(judged("geometry", "a body with a fin is not taken for convex", 0,
-                         Occluder(mended.mesh).convex() ? 1 : 0, 1, 0));
+                         Occluder(mended.mesh).convex() ? 1 : 0, no_naive, 0));
   const Mesh ball = make_sphere(1.0, 1);
-  cases.push_back(judged("geometry", "a ball is", 1, Occluder(ball).convex() ? 1 : 0, 1, 0));
+  cases.push_back(judged("geometry", "a ball is", 1, Occluder(ball).convex() ? 1 : 0, no_naive, 0));
   Mesh degenerate = ball;
   degenerate.triangles.row(2) = degenerate.triangles.row(1);
-  cases.push_back(
-      judged("geometry", "rays against nothing but degenerate triangles: none blocked", 0,
-             Occluder(degenerate).blocked({0, 0, 1}, {0, 0, 1}, {true, {0, 0, 1}}) ? 1 : 0, 0, 0));
+  cases.push_back(judged(
+      "geometry", "rays against nothing but degenerate triangles: none blocked", 0,
+      Occluder(degenerate).blocked({0, 0, 1}, {0, 0, 1}, {true, {0, 0, 1}}) ? 1 : 0, no_naive, 0));
   return cases;
 }
 
@@ -167,19 +197,20 @@ std::vector<StabilityCase> material_cases() {
   BasisOptions options;
   options.sigma_folds = 0;
   const Result<BrdfBasis> basis = make_basis(materials, options);
-  cases.push_back(judged("materials", "extreme values: a basis is made", 1, basis ? 1 : 0, 0, 0));
+  cases.push_back(
+      judged("materials", "extreme values: a basis is made", 1, basis ? 1 : 0, no_naive, 0));
   if (!basis) return cases;
   cases.push_back(judged("materials", "and all of it is finite", 1,
-                         basis->V.allFinite() && basis->mean.allFinite() ? 1 : 0, 0, 0));
+                         basis->V.allFinite() && basis->mean.allFinite() ? 1 : 0, no_naive, 0));
   cases.push_back(judged("materials", "a cell that is not a number is masked", 0, basis->valid[7],
-                         std::log(-1.0), 0));
+                         no_naive, 0));
   const Eigen::Index k = basis->components();
   const Eigen::MatrixXd VtV = basis->V.transpose() * basis->V;
   cases.push_back(judged("materials", "components orthonormal: |V'V - I| + 1", 1,
-                         1 + (VtV - Eigen::MatrixXd::Identity(k, k)).norm(), 1, 1e-12));
+                         1 + (VtV - Eigen::MatrixXd::Identity(k, k)).norm(), no_naive, 1e-12));
   cases.push_back(judged("materials", "ln of 0 is ln of the floor", std::log(options.floor),
                          map_value(basis->mapping, 3, 0.0), std::log(0.0), 0));
-  cases.push_back(judged("materials", "K = materials - 1", 4, static_cast<double>(k), 5, 0));
+  cases.push_back(judged("materials", "K = materials - 1", 4, static_cast<double>(k), no_naive, 0));
   CandidateBins bins{grid, {0}, {}};
   for (int c = 0; c < grid.cells() / 2; ++c) {
     if (basis->valid[static_cast<std::size_t>(c)] != 0) bins.cell.push_back(c);
@@ -198,8 +229,10 @@ std::vector<StabilityCase> material_cases() {
   int clipped = 0;
   const BrdfTable wild = evaluate(*basis, Eigen::MatrixXd::Constant(k, 1, 1e6), &clipped);
   const bool finite = (wild.f.isFinite() || wild.f.isNaN()).all();
+  const Eigen::VectorXd exponents = basis->V * Eigen::VectorXd::Constant(k, 1e6) + basis->mean;
   cases.push_back(judged("materials", "exp of a wild reconstruction does not overflow", 1,
-                         finite && clipped > 0 ? 1 : 0, std::exp(1e6), 0));
+                         finite && clipped > 0 ? 1 : 0,
+                         exponents.array().exp().isFinite().all() ? 1 : 0, 0));
   return cases;
 }
 
@@ -210,23 +243,23 @@ std::vector<StabilityCase> bracket_cases() {
   const std::vector<Frame> bright = {frame_of(20100, 1e-6), frame_of(65535, 1.0)};
   const Result<RadianceImage> one = merge_hdr(bright, {}, model, {});
   cases.push_back(judged("bracket", "ratio 1e6, the long exposure saturated", 2e10,
-                         one ? double{one->L[0]} : 0, (2e10 + 65435.0) / 2, 1e-6));
+                         one ? double{one->L[0]} : 0, naive_mean(bright, model), 1e-6));
   const std::vector<Frame> dim = {frame_of(100, 1e-6), frame_of(20100, 1.0)};
   const Result<RadianceImage> two = merge_hdr(dim, {}, model, {});
   cases.push_back(judged("bracket", "ratio 1e6, the short exposure empty", 2e4,
-                         two ? double{two->L[0]} : 0, (0 + 2e4) / 2, 1e-4));
+                         two ? double{two->L[0]} : 0, naive_mean(dim, model), 1e-4));
   const std::vector<Frame> white = {frame_of(65535, 1e-3), frame_of(65535, 1.0)};
   const Result<RadianceImage> three = merge_hdr(white, {}, model, {});
   cases.push_back(judged(
       "bracket", "every frame saturated: said, with infinite variance", infinity,
-      three && three->site[0] == RadianceImage::Site::saturated ? double{three->variance[0]} : 0, 0,
-      0));
+      three && three->site[0] == RadianceImage::Site::saturated ? double{three->variance[0]} : 0,
+      no_naive, 0));
   const std::vector<Frame> black = {frame_of(100, 1e-3), frame_of(100, 1.0)};
   const Result<RadianceImage> four = merge_hdr(black, {}, model, {});
   const bool said = four && four->site[0] == RadianceImage::Site::dark &&
                     std::isfinite(four->L[0]) && four->L[0] >= 0;
   cases.push_back(judged("bracket", "every frame black: said, with a finite upper bound", 1,
-                         said ? 1 : 0, std::log(0.0), 0));
+                         said ? 1 : 0, no_naive, 0));
   // Two honest exposures: the inverse-variance mean, shot and read noise as modelled.
   const std::vector<double> rate = {2000.0 / 0.01, 19900.0 / 0.1};
   const double level = 1.99e5;
@@ -236,7 +269,7 @@ std::vector<StabilityCase> bracket_cases() {
   const Result<RadianceImage> five = merge_hdr(both, {}, model, {});
   cases.push_back(judged("bracket", "two good exposures: inverse-variance mean",
                          reference_weighted_mean(rate, variance), five ? double{five->L[0]} : 0,
-                         (rate[0] + rate[1]) / 2, 1e-6));
+                         naive_mean(both, model), 1e-6));
   return cases;
 }
 
@@ -292,14 +325,14 @@ std::vector<StabilityCase> motion_cases() {
   std::vector<int> sorted = order;
   std::sort(sorted.begin(), sorted.end());
   cases.push_back(judged("route", "coincident stops: each is visited once", 1,
-                         sorted == std::vector<int>{0, 1, 2, 3, 4} ? 1 : 0, 0, 0));
+                         sorted == std::vector<int>{0, 1, 2, 3, 4} ? 1 : 0, no_naive, 0));
   cases.push_back(judged("route", "coincident stops: one move, no more",
                          move_time(gantry, at(0, 0), at(1, 0.5)),
-                         route_time(gantry, at(0, 0), stops, order), 0, 1e-12));
+                         route_time(gantry, at(0, 0), stops, order), no_naive, 1e-12));
   stops.assign(30, at(1, 0.5));
-  cases.push_back(
-      judged("route", "thirty stops in one place", move_time(gantry, at(0, 0), at(1, 0.5)),
-             route_time(gantry, at(0, 0), stops, order_route(gantry, at(0, 0), stops)), 0, 1e-12));
+  cases.push_back(judged(
+      "route", "thirty stops in one place", move_time(gantry, at(0, 0), at(1, 0.5)),
+      route_time(gantry, at(0, 0), stops, order_route(gantry, at(0, 0), stops)), no_naive, 1e-12));
   return cases;
 }
 

@@ -66,8 +66,8 @@ Result<void> claim_folder(const std::filesystem::path& out, const StudyIdentity&
   if (!there) return write_durably(out / "study.txt", identity.text);
   if (*there == identity.text) return {};
   return fail(ErrorCode::invalid_input,
-              fmt::format("{} holds a study with other options (compare its study.txt); choose "
-                          "another folder or give the same options",
+              fmt::format("{} holds a study with other options, meshes or materials (compare its "
+                          "study.txt); choose another folder or give the same ones",
                           out.string()));
 }
 

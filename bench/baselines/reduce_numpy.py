@@ -44,7 +44,7 @@ def merge(frames, exposures, sensor):
 
 
 def extract(L, variance, measured, p):
-    """Sums per cell over lit sites; directions and cells from the surface points."""
+    """Sums per cell over lit points, of which L, variance and measured are; directions and cells from them."""
     normal, view, position = p['normal'], p['view'], p['position']
     light = p['light'] - position
     r2 = np.einsum('ij,ij->i', light, light)
@@ -57,13 +57,12 @@ def extract(L, variance, measured, p):
     theta_h = 2 * np.arcsin(np.minimum(1, np.linalg.norm(normal - half, axis=1) / 2))
     theta_d = 2 * np.arcsin(np.minimum(1, np.linalg.norm(view - half, axis=1) / 2))
     keep = (cos_i >= min_i) & (cos_o >= min_o) & (theta_d <= max_theta_d)
-    site = p['site'][keep]
     i_h = np.minimum((90 * np.sqrt(2 * theta_h[keep] / np.pi)).astype(np.int64), 89)
     i_d = np.minimum((90 * 2 * theta_d[keep] / np.pi).astype(np.int64), 89)
     cell = i_h * 90 + i_d
     a = p['strength'][0] * cos_i[keep] / r2[keep]
-    ok = measured[site] & (p['valid'][cell] > 0)
-    cell, a, value, v = cell[ok], a[ok], L[site][ok].astype(float), variance[site][ok].astype(float)
+    ok = measured[keep] & (p['valid'][cell] > 0)
+    cell, a, value, v = cell[ok], a[ok], L[keep][ok].astype(float), variance[keep][ok].astype(float)
     def total(weights):
         return np.bincount(cell, weights, minlength=8100)
     n, sa, sl, sv = total(None), total(a), total(value), total(v)
@@ -99,7 +98,8 @@ def main():
     best = None
     for _ in range(3):
         t0 = time.process_time()
-        rate, variance, measured = merge(frames, exposures, sensor)
+        seen = np.take(frames, p['site'], axis=1)  # as lightrig leaves out what shows nothing of the object
+        rate, variance, measured = merge(seen, exposures, sensor)
         response = p['strength'][1]
         L, v = rate / np.float32(response), variance / np.float32(response)**2
         t1 = time.process_time()

@@ -78,9 +78,9 @@ Eigen::ArrayXXd surely_shown(const Reconstruction& estimate, const LogMapping& m
     for (int cell = 0; cell < brdf.grid.cells(); ++cell) {
       const double f = brdf.f(cell, channel);
       if (std::isfinite(f)) {
-        const double low = unmap_value(
-            mapping, cell,
-            map_value(mapping, cell, f) - sure_deviations * estimate.log_stddev(cell, channel));
+        const double deviation = estimate.log_stddev(cell, channel) / ln_slope(mapping, cell, f);
+        const double low =
+            unmap_value(mapping, cell, map_value(mapping, cell, f) - sure_deviations * deviation);
         if (low > mapping.floor) least(cell, channel) = low;
       }
       least(cell, channel) = std::max(least(cell, channel), least_f(cell, 0));

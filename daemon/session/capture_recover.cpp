@@ -233,4 +233,19 @@ double CaptureRun::remaining() const {
   return seconds;
 }
 
+/// What [stop] minutes has against a light at which the gantry stands already, or "": too little
+/// is left for the rest of it. One light is taken in any case.
+std::string CaptureRun::out_of_time(int next, bool any_fitted) const {
+  const auto& minutes = t_.spec.stop.minutes;
+  if (!minutes) return {};
+  const double left = 60 * *minutes - elapsed();
+  if (left <= 0) return fmt::format("[stop] minutes = {} have passed", *minutes);
+  const auto step = std::ranges::find(predicted_.shots, next, &ShotTime::shot);
+  if (!any_fitted || step == predicted_.shots.end()) return {};
+  const double takes = step->warm_up + step->exposures;
+  if (takes <= left) return {};
+  return fmt::format("[stop] minutes = {}: {} may take {:.1f} s more, and {:.1f} s are left",
+                     *minutes, name_of_shot(next), takes, left);
+}
+
 }  // namespace lightrig

@@ -53,7 +53,7 @@ Result<void> CaptureRun::replan_after(std::size_t last) {
     return {};
   }
   take_up(t_.rig, t_.spec, answer->changes, done, t_.prepared);
-  predicted_ = capture_time(t_.rig, t_.spec, t_.prepared.plan);
+  predicted_ = capture_time(t_.rig, t_.spec, t_.prepared.plan, &t_.prepared.object.mesh);
   std::vector<int> lights;
   for (const auto& [index, light] : answer->changes.lights) lights.push_back(index);
   const std::string after = captured_.shots[last].name;

@@ -48,7 +48,8 @@ CaptureRun::CaptureRun(const CaptureTools& tools, Journal journal, Captured capt
       hand_(tools.rig, tools.prepared, tools.devices, tools.clock, tools.control.stop_token()),
       store_(tools.folder, tools.rig.camera.sensor),
       alongside_(tools.rig, tools.spec, tools.prepared, tools.folder),
-      predicted_(capture_time(tools.rig, tools.spec, tools.prepared.plan)),
+      predicted_(
+          capture_time(tools.rig, tools.spec, tools.prepared.plan, &tools.prepared.object.mesh)),
       decided_(captured_.shots.size() < 2 ? 0 : captured_.shots.size() - 2),
       began_(tools.clock.now()),
       elapsed_before_(captured_.elapsed_s),
@@ -226,7 +227,7 @@ Result<std::optional<Ending>> CaptureRun::capture_next(int index) {
   if (!there) return tl::unexpected(there.error());
   if (auto collected = collect_shot(); !collected) return tl::unexpected(collected.error());
   if (auto looked = look_at_pose(true); !looked) return tl::unexpected(looked.error());
-  if (auto ending = early_ending()) return ending;
+  if (auto ending = early_ending(index)) return ending;
   bool first = true;
   auto taken = persevere("capture " + name, [&]() -> Result<TakenShot> {
     // A shot that failed is done again from its move on, wherever the gantry may stand now.
@@ -278,10 +279,10 @@ Result<void> CaptureRun::look_at_pose(bool more_to_come) {
     const auto pose = alongside_.wait_for_pose(shot, t_.control.stop_token());
     if (!pose && hand_.stop_requested()) return tl::unexpected(pose.error());
     if (pose && !pose->told && more_to_come) return {};  // the next light may show more
-    Json fields = pose ? pose_fields(*pose, shot)
+    Json fields = pose ? pose_fields(*pose, shot, waits)
                        : Json{{"name", shot}, {"told", false}, {"reason", pose.error().message}};
     if (auto noted = note("pose", std::move(fields)); !noted) return noted;
-    pose_ = {!pose || pose->told, pose && wrong(*pose) ? pose_reason(*pose) : ""};
+    pose_ = {!pose || pose->told, pose && wrong(*pose) ? pose_reason(*pose, waits) : ""};
   }
   if (!waits || pose_.held.empty() || !more_to_come) return {};
   auto paused = pause("condition", pose_.held, [this](bool word) -> Result<bool> {
@@ -317,7 +318,7 @@ Json CaptureRun::shot_fields(const CapturedShot& captured) const {
             {"stood_at", axes_list(pending_->stood_at)}}}};
 }
 
-std::optional<Ending> CaptureRun::early_ending() {
+std::optional<Ending> CaptureRun::early_ending(int next) {
   const auto early = [](std::string reason) {
     return Ending{SessionOutcome::stopped_early, std::move(reason)};
   };
@@ -328,9 +329,7 @@ std::optional<Ending> CaptureRun::early_ending() {
   if (stop.lights && fitted >= *stop.lights) {
     return early(fmt::format("[stop] lights = {} are captured", *stop.lights));
   }
-  if (stop.minutes && elapsed() >= 60 * *stop.minutes) {
-    return early(fmt::format("[stop] minutes = {} have passed", *stop.minutes));
-  }
+  if (std::string over = out_of_time(next, fitted > 0); !over.empty()) return early(over);
   if (stop.predicted_error_percent && fitted > 0) {
     say("estimating the error so far");
     const auto point = alongside_.wait_for_all(t_.control.stop_token());

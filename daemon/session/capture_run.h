@@ -68,7 +68,8 @@ class CaptureRun {
   Result<FrameLikeness> reference_likeness(const CapturedShot& shot, const StoredFrame& stored);
   Result<void> note_reference(const std::string& name, bool like, const FrameLikeness& likeness);
   Result<std::optional<Ending>> capture_next(int index);
-  std::optional<Ending> early_ending();
+  std::optional<Ending> early_ending(int next);
+  std::string out_of_time(int next, bool any_fitted) const;
   Result<void> collect_shot();
   Result<void> look_at_pose(bool more_to_come);
   CapturedShot describe(std::vector<StoredFrame> stored) const;

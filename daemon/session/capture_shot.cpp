@@ -111,6 +111,7 @@ Result<std::vector<double>> CaptureRun::meter(TakenShot& shot, LightWitness& wit
   const ExposureChoice choice = choose_exposures(store_.last().frame, witness.lit(), plan.exposures,
                                                  t_.rig.camera.sensor, t_.spec.bracket.target_snr);
   shot.skipped = choice.skipped;
+  std::erase(shot.skipped, exposure);
   std::vector<double> remaining = choice.exposures;
   std::erase(remaining, exposure);
   return remaining;

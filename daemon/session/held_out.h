@@ -9,7 +9,8 @@ namespace lightrig {
 
 /// The held-out light: captured, not fitted, predicted.
 struct HeldOutError {
-  double percent = 0;       ///< scaled to the whole grid: comparable with the true error
+  double percent = 0;  ///< scaled to the whole grid, at most 2.5-fold; well below the true error
+                       ///< all the same [docs/results.md]: it looks where other lights did
   double seen_percent = 0;  ///< over the bins the light shows
   int rows = 0;             ///< bins × channels compared
 };

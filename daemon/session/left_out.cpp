@@ -31,7 +31,7 @@ std::vector<LeftOutLine> planned_left_out(const Prepared& prepared) {
       {"candidates_touching", "candidates kept out", out.candidates_touching, candidates,
        "lamp or arm would touch something"},
       {"candidates_in_view", "candidates in the picture", out.candidates_in_view, candidates,
-       "the camera would see the lamp or the arm"},
+       "the camera would see the lamp"},
       {"candidates_into_lens", "candidates facing the lens", out.candidates_into_lens, candidates,
        "the lamp would shine into the lens"},
       {"candidates_hiding", "candidates before the object", out.candidates_hiding, candidates,

@@ -10,6 +10,7 @@
 
 #include "config/json_text.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/input_hash.h"
 #include "daemon/session/json_cursor.h"
 #include "daemon/session/json_parse.h"
 
@@ -103,25 +104,6 @@ Json left_out_json(const LeftOut& left_out) {
   json["channels_not_needed"] = left_out.channels_not_needed;
   json["drivers_not_opened"] = left_out.drivers_not_opened;
   return json;
-}
-
-/// Hash of the numbers that statistics were made of, whatever files they came from.
-std::string materials_hash(const std::vector<Material>& materials) {
-  std::string digests;
-  for (const Material& material : materials) {
-    const auto& f = material.table.f;
-    digests += material.name + " " +
-               sha256_hex(std::as_bytes(std::span(f.data(), static_cast<std::size_t>(f.size())))) +
-               "\n";
-  }
-  return sha256_hex(digests);
-}
-
-std::string mesh_hash(const Mesh& mesh) {
-  const auto bytes = [](const auto& m) {
-    return sha256_hex(std::as_bytes(std::span(m.data(), static_cast<std::size_t>(m.size()))));
-  };
-  return sha256_hex(bytes(mesh.vertices) + bytes(mesh.normals) + bytes(mesh.triangles));
 }
 
 Json basis_json(const Prepared& prepared) {
@@ -270,6 +252,7 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
   json["cost"] = {{"plan_s", total},
                   {"peak_memory_mib", prepared.peak_memory_mib},
                   {"predicted_capture_s", plan.predicted_capture_time},
+                  {"predicted_capture_by_lights_s", prepared.capture_by_lights},
                   {"stages_s", std::move(stages)}};
   return json_text(json, 1) + "\n";
 }

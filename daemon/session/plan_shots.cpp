@@ -47,7 +47,8 @@ std::vector<int> visiting_order(const Rig& rig, const SessionSpec& spec, const P
   return order_route(rig.gantry.model, home_position(rig.gantry.model), stops);
 }
 
-std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec) {
+std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec,
+                                 std::span<const std::uint8_t> excluded) {
   const Eigen::Vector3d middle = prepared.points.position.rowwise().mean();
   std::vector<int> taken;
   for (const Shot& shot : prepared.plan.shots) taken.push_back(shot.candidate);
@@ -60,6 +61,7 @@ std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& sp
     std::vector<int> clear, near;
     for (int i = 0; i < count; ++i) {
       if (2 * prepared.bins.of(i).size() < richest || std::ranges::count(taken, i) > 0) continue;
+      if (!excluded.empty() && excluded[static_cast<std::size_t>(i)] != 0) continue;
       const bool far = std::ranges::all_of(taken, [&](int other) {
         return angle_between(light(i), light(other), middle) >= held_out_distance;
       });

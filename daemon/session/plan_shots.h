@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <numbers>
+#include <span>
 #include <vector>
 
 #include "daemon/session/prepare.h"
@@ -27,7 +29,9 @@ double angle_between(const LightPosition& a, const LightPosition& b, const Eigen
 
 /// Lights that are captured to test the result and never fitted: drawn with the seed from those
 /// that show at least half as many cells as the richest candidate and, where there are such, stand
-/// clear of every planned light, so that the test is not of a light just seen.
-std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec);
+/// clear of every planned light, so that the test is not of a light just seen. `excluded`
+/// (candidates, or empty): 1 = may not be chosen.
+std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec,
+                                 std::span<const std::uint8_t> excluded);
 
 }  // namespace lightrig

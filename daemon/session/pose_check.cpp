@@ -105,10 +105,12 @@ std::string in_words(const PoseFit& pose) {
       pose.motions_seen());
 }
 
-std::string pose_reason(const PoseFit& pose) {
+std::string pose_reason(const PoseFit& pose, bool waits) {
   const std::string remedy =
-      "; look at `lightrig snap --overlay`; resume to go on with it as it is, or abort, put it "
-      "right or correct [object], and start anew";
+      std::string("; look at `lightrig snap --overlay`; ") +
+      (waits ? "resume to go on with it as it is, or abort, put it right or correct [object], and "
+               "start anew"
+             : "where it is so, put it right or correct [object], and start a session anew");
   if (unlike_model(pose))
     return fmt::format(
                "the object does not look like its model where [object] has it: {:.0f} % of what "
@@ -118,7 +120,7 @@ std::string pose_reason(const PoseFit& pose) {
   return "the object does not lie where [object] has it: it looks " + in_words(pose) + remedy;
 }
 
-nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot) {
+nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot, bool waits) {
   nlohmann::ordered_json fields{{"name", shot}, {"told", pose.told}};
   if (!pose.told) return fields;
   fields["as_modelled"] = !wrong(pose);
@@ -129,7 +131,7 @@ nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot)
   fields["turn_deg"] = degrees * pose.turn.norm();
   fields["shift_mm"] = 1000 * pose.shift.norm();
   fields["motions_seen"] = pose.motions_seen();
-  if (wrong(pose)) fields["reason"] = pose_reason(pose);
+  if (wrong(pose)) fields["reason"] = pose_reason(pose, waits);
   return fields;
 }
 

@@ -46,11 +46,12 @@ inline bool wrong(const PoseFit& pose) {
 /// 6 motions seen".
 std::string in_words(const PoseFit& pose);
 
-/// What a person is told of a wrong pose.
-std::string pose_reason(const PoseFit& pose);
+/// What a person is told of a wrong pose, and what to do: where a session waits for a person
+/// ([pause] wrong_pose), or goes on.
+std::string pose_reason(const PoseFit& pose, bool waits);
 
 /// Fields of the journal's event "pose".
-nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot);
+nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot, bool waits);
 
 /// What a journal says of the pose. A shot that was taken back has to be looked at anew.
 struct PoseStanding {

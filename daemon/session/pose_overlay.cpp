@@ -88,23 +88,29 @@ void draw_ring(const Eigen::Vector2d& centre, const std::array<std::uint8_t, 3>&
   }
 }
 
-/// Whether a shot is planned at the turn that the object is homed to; true without a turntable.
-bool as_homed(const GantryModel& gantry, const Shot& shot) {
-  return !turns_object(gantry) || shot.gantry.axes[0] == home_position(gantry).axes[0];
+/// Whether a shot is planned at this turn of the object; true without a turntable.
+bool turned_so(const GantryModel& gantry, const Shot& shot, const GantryPosition& at) {
+  constexpr double half_a_degree = std::numbers::pi / 360;
+  if (!turns_object(gantry)) return true;
+  return std::abs(std::remainder(shot.gantry.axes[0] - at.axes[0], 2 * std::numbers::pi)) <=
+         half_a_degree;
 }
 
 }  // namespace
 
-std::vector<ExpectedHighlight> expected_highlights(const Rig& rig, const Prepared& prepared) {
-  const SurfacePoints& points = prepared.points;
-  const CameraModel camera =
-      camera_at(rig.gantry.model, rig.camera.model, home_position(rig.gantry.model));
-  std::vector<ExpectedHighlight> highlights;
-  for (std::size_t s = 0; s < prepared.plan.shots.size(); ++s) {
-    const Shot& shot = prepared.plan.shots[s];
-    if (!as_homed(rig.gantry.model, shot)) continue;
+ExpectedHighlights expected_highlights(const Rig& rig, const Prepared& prepared,
+                                       const GantryPosition& position) {
+  const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, position);
+  ExpectedHighlights highlights;
+  for (int s = 0; s < static_cast<int>(prepared.plan.shots.size()); ++s) {
+    const Shot& shot = prepared.plan.shots[static_cast<std::size_t>(s)];
+    if (!turned_so(rig.gantry.model, shot, position)) {
+      highlights.at_another_turn.push_back(s);
+      continue;
+    }
+    const SurfacePoints& points = points_of_shot(prepared, s);
     ExpectedHighlight best;
-    best.shot = static_cast<int>(s);
+    best.shot = s;
     best.off = std::numeric_limits<double>::infinity();
     Eigen::Index at = -1;
     for (Eigen::Index i = 0; i < points.size(); ++i) {
@@ -117,19 +123,21 @@ std::vector<ExpectedHighlight> expected_highlights(const Rig& rig, const Prepare
         at = i;
       }
     }
-    if (at < 0) continue;
+    if (at < 0) {
+      highlights.lights_nothing.push_back(s);
+      continue;
+    }
     best.pixel = project(camera, points.position.col(at));
-    highlights.push_back(best);
+    highlights.seen.push_back(best);
   }
   return highlights;
 }
 
 Result<std::vector<std::byte>> overlay_png(const std::string& png, const Rig& rig,
-                                           const Prepared& prepared) {
+                                           const Prepared& prepared, const GantryPosition& at) {
   auto picture = decoded(png);
   if (!picture) return tl::unexpected(picture.error());
-  const CameraModel camera =
-      camera_at(rig.gantry.model, rig.camera.model, home_position(rig.gantry.model));
+  const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, at);
   const double scale = static_cast<double>(camera.width) / picture->width;
   if (std::abs(picture->height * scale - camera.height) > scale + 1)
     return fail(
@@ -138,7 +146,7 @@ Result<std::vector<std::byte>> overlay_png(const std::string& png, const Rig& ri
                     "× {}: give the rig file that the service runs",
                     picture->width, picture->height, camera.width, camera.height));
   draw_outline(camera, *prepared.occluder, *picture);
-  for (const ExpectedHighlight& one : expected_highlights(rig, prepared)) {
+  for (const ExpectedHighlight& one : expected_highlights(rig, prepared, at).seen) {
     const bool held = prepared.plan.shots[static_cast<std::size_t>(one.shot)].held_out;
     draw_ring((one.pixel.array() + 0.5) / scale - 0.5, held ? held_colour : ring_colour, *picture);
   }

@@ -13,7 +13,7 @@
 #include <utility>
 
 #include "config/load_materials.h"
-#include "core/pixel_neighbours.h"
+#include "daemon/session/bin_views.h"
 #include "daemon/session/capture_time.h"
 #include "daemon/session/lay_candidates.h"
 #include "daemon/session/plan_shots.h"
@@ -186,56 +186,8 @@ tl::unexpected<Error> nothing_lit(const LeftOut& left_out, std::size_t candidate
           left_out.candidates_hiding, candidates, points));
 }
 
-/// Candidates by how the camera sees the object: on a turntable one group for every turn.
-std::vector<std::vector<std::size_t>> candidates_by_view(const Rig& rig,
-                                                         const std::vector<Candidate>& candidates) {
-  std::map<double, std::vector<std::size_t>> views;
-  const bool turns = turns_object(rig.gantry.model);
-  for (std::size_t i = 0; i < candidates.size(); ++i)
-    views[turns ? candidates[i].gantry.axes[0] : 0.0].push_back(i);
-  std::vector<std::vector<std::size_t>> groups;
-  for (auto& [turn, group] : views) groups.push_back(std::move(group));
-  return groups;
-}
-
-BinningResult bin_views(const Rig& rig, const SessionSpec& spec, const Prepared& prepared) {
-  const BrdfBasis& basis = prepared.plan_basis;
-  std::vector<std::span<const std::int32_t>> cells(prepared.candidates.size());
-  std::vector<BinningResult> parts;
-  const auto groups = candidates_by_view(rig, prepared.candidates);
-  parts.reserve(groups.size());  // spans point into them
-  for (const std::vector<std::size_t>& group : groups) {
-    std::vector<LightPosition> lights;
-    for (const std::size_t i : group) lights.push_back(prepared.candidates[i].light);
-    SurfacePoints turned;
-    if (turns_object(rig.gantry.model))
-      turned = points_seen(rig, spec, prepared, prepared.candidates[group.front()].gantry);
-    const SurfacePoints& seen = turns_object(rig.gantry.model) ? turned : prepared.points;
-    // Extraction passes over pixels that mix radiances: a plan must not count on them.
-    const CameraModel& camera = rig.camera.model;
-    SurfacePoints whole;
-    if (seen.from_pixels && seen.size() > 0)
-      whole = PixelNeighbours(seen, camera.width, camera.height).whole_points();
-    parts.push_back(bin_candidates(whole.size() > 0 ? whole : seen, lights, basis.grid, basis.valid,
-                                   spec.plan.limits, *prepared.occluder, spec.plan.shadows,
-                                   thread_count()));
-    for (std::size_t k = 0; k < group.size(); ++k)
-      cells[group[k]] = parts.back().bins.of(static_cast<int>(k));
-  }
-  if (parts.size() == 1) return std::move(parts.front());
-  BinningResult whole;
-  whole.bins.grid = basis.grid;
-  whole.bins.offset.push_back(0);
-  for (const std::span<const std::int32_t> of_one : cells) {
-    whole.bins.cell.insert(whole.bins.cell.end(), of_one.begin(), of_one.end());
-    whole.bins.offset.push_back(static_cast<std::int64_t>(whole.bins.cell.size()));
-  }
-  for (const BinningResult& part : parts) whole.statistics.add(part.statistics);
-  whole.statistics.convex = prepared.occluder->convex();
-  return whole;
-}
-
-Result<void> bin(const Rig& rig, const SessionSpec& spec, Prepared& prepared, StageClock& clock) {
+Result<void> bin(const Rig& rig, const SessionSpec& spec, bool brute_force, Prepared& prepared,
+                 StageClock& clock) {
   LeftOut& left_out = prepared.plan.left_out;
   CandidateLayout layout = lay_candidates(rig, &prepared.object.mesh);
   left_out.candidates_offered = layout.offered;
@@ -248,7 +200,9 @@ Result<void> bin(const Rig& rig, const SessionSpec& spec, Prepared& prepared, St
       static_cast<int>(layout.unusable.size()) - left_out.candidates_unreachable;
   prepared.candidates = std::move(layout.candidates);
   prepared.unusable = std::move(layout.unusable);
-  BinningResult binned = bin_views(rig, spec, prepared);
+  const bool every_ray = brute_force && spec.plan.shadows != ShadowRays::none;
+  BinningResult binned = bin_views(rig, spec, prepared,
+                                   every_ray ? ShadowRays::all : spec.plan.shadows, thread_count());
   clock.done("bins");
   prepared.bins = std::move(binned.bins);
   left_out.binning = binned.statistics;
@@ -258,22 +212,13 @@ Result<void> bin(const Rig& rig, const SessionSpec& spec, Prepared& prepared, St
   return {};
 }
 
-Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_force,
-                           Prepared& prepared, StageClock& clock) {
-  SelectionOptions options;
-  options.criterion = spec.plan.criterion;
-  options.stop = spec.plan.stop;
-  options.plateau = spec.plan.plateau;
-  options.max_lights = spec.plan.max_lights;
-  options.sigma = prepared.plan_basis.model_sigma;
-  options.brute_force = brute_force;
-  options.threads = thread_count();
+/// Lights of the candidates not excluded, held-out ones behind them, and the way to all of them.
+Result<void> lay_plan(const Rig& rig, const SessionSpec& spec, const SelectionOptions& options,
+                      Prepared& prepared, StageClock& clock) {
   const Selection selection = select_lights(prepared.plan_basis, prepared.bins, options);
   clock.done("select");
   Plan& plan = prepared.plan;
-  plan.criterion = spec.plan.criterion;
-  plan.stop = spec.plan.stop;
-  plan.stop_value = spec.plan.stop == StopRule::plateau ? spec.plan.plateau : spec.plan.max_lights;
+  plan.shots.clear();
   plan.mean_only_error_percent = selection.mean_only_error_percent;
   plan.left_out.selection = selection.statistics;
   plan.left_out.lights_not_needed =
@@ -284,7 +229,7 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
   for (const SelectedLight& light : selection.lights) {
     plan.shots.push_back(shot_at(prepared, spec, light));
   }
-  for (const int candidate : choose_held_out(prepared, spec)) {
+  for (const int candidate : choose_held_out(prepared, spec, options.excluded)) {
     SelectedLight after_all = selection.lights.back();
     after_all.candidate = candidate;
     after_all.new_cells = 0;
@@ -293,8 +238,57 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
   }
   clock.done("held_out");
   plan.visit_order = visiting_order(rig, spec, plan);
+  return {};
+}
+
+/// The first light of the way that no clear way leads to; −1 where there is none such.
+int without_way(const CaptureTime& time) {
+  const auto lost = std::ranges::find_if(time.shots, [](const auto& s) { return s.way.empty(); });
+  return lost == time.shots.end() ? -1 : lost->shot;
+}
+
+Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_force,
+                           Prepared& prepared, StageClock& clock) {
+  constexpr int most_without_way = 50;  // by then it is the home position that is shut in
+  SelectionOptions options;
+  options.criterion = spec.plan.criterion;
+  options.stop = spec.plan.stop;
+  options.plateau = spec.plan.plateau;
+  options.max_lights = spec.plan.max_lights;
+  options.sigma = prepared.plan_basis.model_sigma;
+  options.brute_force = brute_force;
+  options.threads = thread_count();
+  Plan& plan = prepared.plan;
+  plan.criterion = spec.plan.criterion;
+  plan.stop = spec.plan.stop;
+  plan.stop_value = spec.plan.stop == StopRule::plateau ? spec.plan.plateau : spec.plan.max_lights;
+  const Mesh* object = &prepared.object.mesh;
+  for (int left_out = 0;; ++left_out) {
+    if (auto laid = lay_plan(rig, spec, options, prepared, clock); !laid) return laid;
+    const CaptureTime time = capture_time(rig, spec, plan, object);
+    plan.predicted_capture_time = time.total();
+    const int shot = without_way(time);
+    if (shot < 0 && left_out > 0) {
+      prepared.remarks.push_back(fmt::format(
+          "{} candidates were chosen and left out again: no way leads to them clear of what the "
+          "rig file says that lamp and arm may not touch",
+          left_out));
+    }
+    if (shot < 0) break;
+    if (left_out == most_without_way) {
+      return fail(ErrorCode::refused,
+                  fmt::format("find a way for the lamp: none leads to {} lights chosen one after "
+                              "another; give the gantry another home, or check the [keep_out] "
+                              "volumes and [gantry.body] of the rig file",
+                              left_out));
+    }
+    options.excluded.resize(prepared.candidates.size(), 0);
+    options
+        .excluded[static_cast<std::size_t>(plan.shots[static_cast<std::size_t>(shot)].candidate)] =
+        1;
+  }
+  prepared.capture_by_lights = capture_time_by_lights(rig, spec, plan, object);
   clock.done("route");
-  plan.predicted_capture_time = capture_time(rig, spec, plan).total();
   return {};
 }
 
@@ -311,7 +305,7 @@ Result<void> go_on(const std::stop_token& stop) {
 }
 
 /// Everything but the choice of lights.
-Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec,
+Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec, bool brute_force,
                                const std::stop_token& stop) {
   Prepared prepared;
   StageClock clock(prepared.cost);
@@ -322,7 +316,7 @@ Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec,
                          .and_then(next)
                          .and_then([&] { return look_at_object(rig, spec, prepared, clock); })
                          .and_then(next)
-                         .and_then([&] { return bin(rig, spec, prepared, clock); })
+                         .and_then([&] { return bin(rig, spec, brute_force, prepared, clock); })
                          .and_then(next);
   if (!ready) return tl::unexpected(ready.error());
   LeftOut& left_out = prepared.plan.left_out;
@@ -375,7 +369,7 @@ const SurfacePoints& points_of_shot(const Prepared& prepared, int shot) {
 
 Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force,
                          const std::stop_token& stop) {
-  auto prepared = prepare_scene(rig, spec, stop);
+  auto prepared = prepare_scene(rig, spec, brute_force, stop);
   if (!prepared) return prepared;
   StageClock clock(prepared->cost);
   if (auto chosen = choose_lights(rig, spec, brute_force, *prepared, clock); !chosen) {
@@ -388,7 +382,7 @@ Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_for
 
 Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan,
                                    const std::stop_token& stop) {
-  auto prepared = prepare_scene(rig, spec, stop);
+  auto prepared = prepare_scene(rig, spec, false, stop);
   if (!prepared) return prepared;
   for (const Shot& shot : plan.shots) {
     if (auto usable = check_shot(rig, spec, *prepared, shot); !usable) {

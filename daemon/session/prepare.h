@@ -43,6 +43,7 @@ struct Prepared {
   std::vector<UnusableCandidate> unusable;  ///< what the rule offered besides
   CandidateBins bins;
   Plan plan;
+  std::vector<double> capture_by_lights;  ///< [s] capture_time_by_lights() of a plan just made
   std::vector<StageCost> cost;
   double peak_memory_mib = 0;        ///< of this process so far, once all of this is ready
   std::vector<std::string> remarks;  ///< mesh repairs, materials passed over, candidates left out
@@ -56,8 +57,8 @@ SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepare
                           const GantryPosition& position);
 
 /// Reads what the files name and plans. Errors: invalid_input when the camera does not see the
-/// object or no reachable lamp position lights anything it sees, with the counts; stopped, once the
-/// stage in hand is over.
+/// object or no reachable lamp position lights anything it sees, with the counts; refused when no
+/// clear way leads to the lights; stopped, once the stage in hand is over.
 Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force = false,
                          const std::stop_token& stop = {});
 

@@ -228,7 +228,7 @@ void take_up(const Rig& rig, const SessionSpec& spec, const Replan& changes,
       plan.visit_order.push_back(left[static_cast<std::size_t>(stop)]);
     }
   }
-  plan.predicted_capture_time = capture_time(rig, spec, plan).total();
+  plan.predicted_capture_time = capture_time(rig, spec, plan, &prepared.object.mesh).total();
 }
 
 std::string describe(const LightYield& yield) {

@@ -50,7 +50,7 @@ struct ReplanQuestion {
 bool lost_rows(const LightYield& yield);
 
 /// Other lights for those still open, by the session's own criterion from the rows really had, with
-/// their true variances; empty unless the last light lost rows and other lights promise at least 4
+/// their true variances; empty unless the last light lost rows and other lights promise at least 2
 /// % less of what the criterion measures. Bins that were too bright or too dark are counted on no
 /// more, whatever the light; those that were absent not in lights within 15° of the one that lost
 /// them, where the same thing is in the way. A held-out light is never chosen nor replaced, and

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "daemon/session/chart.h"
+#include "daemon/session/exposures_told.h"
 #include "daemon/session/picture.h"
 #include "daemon/session/report_text.h"
 #include "daemon/session/session_story.h"
@@ -193,9 +194,11 @@ std::string tables(const ResultPictures& p) {
 }
 
 std::string light_facts(const LightResult& light, bool by_condition) {
-  std::vector<double> used;
-  for (const StoredFrame& frame : light.shot.frames) {
-    if (frame.role == "bracket") used.push_back(frame.exposure);
+  const ExposuresTold exposures = exposures_told(light.shot);
+  std::string skipped;
+  for (const ExposuresTold::Skipped& one : exposures.skipped) {
+    skipped += fmt::format("{}{}: {}", skipped.empty() ? "" : "; ", exposures_text({one.exposure}),
+                           reason_of(one));
   }
   std::string html = fmt::format(
       "<h3>{}{}</h3><dl><dt>at</dt><dd>{:.3g}, {:.3g}, {:.3g}{}</dd><dt>stored "
@@ -204,7 +207,7 @@ std::string light_facts(const LightResult& light, bool by_condition) {
       escaped(light.shot.name), light.shot.held_out ? " · held out, not fitted" : "",
       light.light.p.x(), light.light.p.y(), light.light.p.z(),
       light.light.distant ? " (direction)" : " m", spoken_duration(light.shot.elapsed_s),
-      exposures_text(used), exposures_text(light.shot.exposures_skipped));
+      exposures_text(exposures.used), skipped.empty() ? exposures_text({}) : skipped);
   html += fmt::format(
       "<dt>bins</dt><dd>{} measured, {} censored</dd><dt>new cells</dt><dd>{}</dd>"
       "<dt>misfit</dt><dd>{}</dd>",

@@ -2,6 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "config/json_text.h"
+#include "daemon/session/exposures_told.h"
 #include "daemon/session/session_result.h"
 #include "daemon/session/session_story.h"
 
@@ -66,9 +67,11 @@ Json to_json(const ExtractionStatistics& s) {
 }
 
 Json to_json(const LightResult& light) {
-  Json exposures = Json::array();
-  for (const StoredFrame& frame : light.shot.frames) {
-    if (frame.role == "bracket") exposures.push_back(frame.exposure);
+  const ExposuresTold exposures = exposures_told(light.shot);
+  Json skipped = Json::array(), why = Json::array();
+  for (const ExposuresTold::Skipped& one : exposures.skipped) {
+    skipped.push_back(one.exposure);
+    why.push_back(reason_of(one));
   }
   return {{"name", light.shot.name},
           {"held_out", light.shot.held_out},
@@ -77,8 +80,9 @@ Json to_json(const LightResult& light) {
           {"condition", light.condition > 0 ? number(light.condition) : Json(nullptr)},
           {"planned_error_percent",
            light.shot.held_out ? Json(nullptr) : number(light.predicted_error_percent)},
-          {"exposures_s", exposures},
-          {"exposures_skipped_s", light.shot.exposures_skipped},
+          {"exposures_s", exposures.used},
+          {"exposures_skipped_s", skipped},
+          {"exposures_skipped_why", why},
           {"rows_value", light.rows_value},
           {"rows_censored", light.rows_censored},
           {"new_cells", light.new_cells},

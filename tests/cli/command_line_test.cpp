@@ -177,6 +177,28 @@ TEST_F(CommandLine, RefusesAnEmptyDirectoryOfMaterials) {
   EXPECT_THAT(planned.err, HasSubstr("empty"));
 }
 
+TEST_F(CommandLine, ListsWhatIsPluggedInOrSaysWhatItCannotLookFor) {
+  const Outcome words = run(lightrig + " devices");
+  EXPECT_EQ(words.code, 0) << words.err;
+  EXPECT_FALSE(words.out.empty());
+  const Outcome listed = run(lightrig + " devices --json");
+  EXPECT_EQ(listed.code, 0) << listed.err;
+  const Json json = Json::parse(listed.out);
+  for (const Json& device : json.at("devices")) EXPECT_FALSE(device.at("kind").empty());
+  bool built = false;
+  for (const Json& backend : Json::parse(run(lightrig + " backends --json").out))
+    built |= backend.at("name") == "aravis" && backend.at("built").get<bool>();
+  if (built) return;
+  EXPECT_THAT(words.out, HasSubstr("cameras: not in this build"));
+  EXPECT_EQ(json.at("problems").size(), 1U);
+}
+
+TEST_F(CommandLine, SaysHowManyFramesASessionStoresAtMost) {
+  const Json dry = Json::parse(run(lightrig + " dry-run --json " + demo).out);
+  // Eight dark frames; of every light one without the lamp and eight with it.
+  EXPECT_EQ(dry.at("frames_at_most").get<std::size_t>(), 8 + 9 * dry.at("steps").size());
+}
+
 TEST_F(CommandLine, KnowsItsMaterials) {
   const Json all = Json::parse(run(lightrig + " materials list --json").out);
   EXPECT_GE(all.size(), 40U);

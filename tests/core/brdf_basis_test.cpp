@@ -191,5 +191,25 @@ TEST(Evaluate, ClipsExponentsToTheTrainingRangeAndCountsThem) {
   EXPECT_TRUE(table.f.isFinite().all());
 }
 
+// ln f of six materials that are alike in all but their level: 0, 1, 2, 3, 4, 5.2. Three folds
+// leave out {0, 3}, {1, 4} and {2, 5.2}: 0 lies 1 below a range of 1 … 5.2, 5.2 lies 1.2 above one
+// of 0 … 4. Of such ranges that is 0.24 and 0.3: the whole, 0 … 5.2, is widened by 0.3 of itself.
+TEST(MakeBasis, WidensTheRangeAsMaterialsLeftOutOfTheTrainingNeedIt) {
+  std::vector<Material> materials = synthetic_materials(6, small_grid, 5);
+  const double level[] = {0, 1, 2, 3, 4, 5.2};
+  for (std::size_t m = 0; m < 6; ++m) {
+    materials[m].family.clear();
+    materials[m].table.f.setConstant(std::exp(level[m]));
+  }
+  BasisOptions options;
+  options.sigma_folds = 3;
+  options.components = 1;
+  const BrdfBasis basis = basis_of(materials, options);
+  EXPECT_NEAR(basis.y_max[17], 5.2 + 0.3 * 5.2, 1e-9);
+  EXPECT_NEAR(basis.y_min[17], -0.3 * 5.2, 1e-9);
+  options.sigma_folds = 0;
+  EXPECT_NEAR(basis_of(materials, options).y_max[17], 5.2, 1e-12);
+}
+
 }  // namespace
 }  // namespace lightrig

@@ -93,6 +93,35 @@ TEST(BinCandidates, TheRaysNeededGiveTheSameBinsAsAllRays) {
   EXPECT_LE(needed.statistics.rays_cast, 2 * static_cast<std::int64_t>(needed.bins.cell.size()));
 }
 
+class BinsOfScans : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(BinsOfScans, AreTheSameFromTheRaysNeededAsFromOneRayForEveryLitPoint) {
+  const auto folder = test::data_folder();
+  if (!folder) GTEST_SKIP() << "no data folder (LIGHTRIG_DATA, ../shared/data)";
+  const Mesh mesh = test::data_mesh(*folder, GetParam());
+  const Occluder occluder(mesh);
+  const CameraModel afar = test::facing_camera(true, 4, 200, 200);
+  const CameraModel close = test::facing_camera(false, 4, 200, 200);
+  const auto both = [&](const SurfacePoints& points, bool distant, const char* what) {
+    const auto lights = test::spread_lights(16, distant, 3);
+    const auto bins = [&](ShadowRays rays) {
+      return bin_candidates(points, lights, {}, {}, {}, occluder, rays, 1);
+    };
+    const BinningResult all = bins(ShadowRays::all), needed = bins(ShadowRays::needed);
+    EXPECT_EQ(all.bins.offset, needed.bins.offset) << what;
+    EXPECT_EQ(all.bins.cell, needed.bins.cell) << what;
+    EXPECT_LT(needed.statistics.rays_cast, all.statistics.rays_cast) << what;
+  };
+  both(points_of_vertices(mesh, occluder, afar), true, "vertices from afar, distant light");
+  both(points_of_pixels(mesh, occluder, afar, 1), true, "pixels from afar, distant light");
+  both(points_of_vertices(mesh, occluder, close), false, "vertices in perspective, near lamp");
+}
+
+INSTANTIATE_TEST_SUITE_P(BinCandidates, BinsOfScans,
+                         ::testing::Values("bunny", "happy_buddha", "dragon", "teapot",
+                                           "head_igea"),
+                         [](const auto& mesh) { return std::string(mesh.param); });
+
 TEST(BinCandidates, OfANearLampTheRaysNeededAreThoseCastAndThoseLeftOut) {
   const View view(two_spheres(), false, true);
   const auto lights = test::spread_lights(60, false, 3);

@@ -365,5 +365,40 @@ TEST(PredictedError, IsTheTrueErrorOfMostUnseenMaterials) {
   EXPECT_LT(ratio[34], 1.4);
 }
 
+// The deviation of ln f that one deviation of the only coefficient makes, by evaluating the table
+// a little to either side.
+TEST(Reconstruct, SaysTheDeviationOfLnFWhateverTheMapping) {
+  for (const Mapping kind : {Mapping::ln_floor, Mapping::ln_offset, Mapping::log_relative}) {
+    BrdfBasis basis;
+    basis.grid = {4, 1};
+    basis.mapping.kind = kind;
+    basis.mapping.floor = 0.01;
+    basis.mapping.weight = Eigen::Vector4d(1, 0.8, 0.5, 0.2);
+    basis.mapping.reference = Eigen::Vector4d(0.3, 0.1, 0.05, 0.02);
+    basis.valid.assign(4, 1);
+    basis.mean.resize(4);
+    const Eigen::Vector4d f(0.5, 0.1, 0.03, 0.011);
+    for (int cell = 0; cell < 4; ++cell) {
+      basis.mean[cell] = map_value(basis.mapping, cell, f[cell]);
+    }
+    basis.V = Eigen::Vector4d(0.5, -0.5, 0.1, 0.7);
+    basis.stddev = basis.training_stddev = Eigen::VectorXd::Constant(1, 2);
+    basis.y_min = Eigen::VectorXd::Constant(4, -50);
+    basis.y_max = Eigen::VectorXd::Constant(4, 50);
+    basis.unsaid_sigma = 0;
+    const auto with = [&](double c) {
+      Coefficients coefficients;
+      coefficients.c = Eigen::MatrixXd::Constant(1, 1, c);
+      coefficients.covariance = {Eigen::MatrixXd::Constant(1, 1, 0.09)};
+      return reconstruct(basis, coefficients);
+    };
+    const Reconstruction at = with(0), above = with(1e-5), below = with(-1e-5);
+    for (int cell = 0; cell < 4; ++cell) {
+      const double slope = std::log(above.brdf.f(cell, 0) / below.brdf.f(cell, 0)) / 2e-5;
+      EXPECT_NEAR(at.log_stddev(cell, 0), std::abs(slope) * 0.3, 1e-8) << cell;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace lightrig

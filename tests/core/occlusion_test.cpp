@@ -52,7 +52,7 @@ TEST(Occluder, AnswersByHandForATableOverAFloorOfAnySize) {
   }
 }
 
-TEST(Occluder, PacketsAnswerAsSingleRaysDo) {
+TEST(Occluder, ManyPointsAtOnceAnswerAsEachAlone) {
   const Occluder occluder(table_over_floor(1));
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> side(-1, 1);

@@ -73,11 +73,34 @@ TEST_P(StopRuleOf, EndsTheSessionEarlyAndTheFolderSaysWhy) {
   EXPECT_GE(taken, 1U);
   EXPECT_LT(taken, prepared->plan.shots.size());
 }
-INSTANTIATE_TEST_SUITE_P(
-    Rules, StopRuleOf,
-    testing::Values(Stop{"Error", "predicted_error_percent = 25", "has reached [stop]"},
-                    Stop{"Minutes", "minutes = 0.5", "[stop] minutes = 0.5 have passed"}),
-    [](const auto& rule) { return std::string(rule.param.name); });
+INSTANTIATE_TEST_SUITE_P(Rules, StopRuleOf,
+                         testing::Values(Stop{"Error", "predicted_error_percent = 25",
+                                              "has reached [stop]"},
+                                         Stop{"Minutes", "minutes = 0.5", "[stop] minutes = 0.5"}),
+                         [](const auto& rule) { return std::string(rule.param.name); });
+
+TEST(StopConfig, NoLightIsBegunThatWouldOverrunItsMinutes) {
+  const Scratch scratch;
+  const Rig rig = small_rig(scratch.path(), {{"max_lights = 3", "max_lights = 8"},
+                                             {"[session]", "[stop]\nminutes = 0.5\n\n[session]"}});
+  auto prepared = prepare(rig, spec_of(rig));
+  ASSERT_TRUE(prepared) << prepared.error().message;
+  const auto folder = create_session(rig, spec_of(rig), *prepared, "s");
+  ASSERT_TRUE(folder);
+  Laboratory laboratory(rig);
+  SessionControl control;
+  const SessionEnd end = capture(*folder, rig, spec_of(rig), *prepared, laboratory.devices,
+                                 *laboratory.clock, control, {}, laboratory.reopen());
+  EXPECT_EQ(end.outcome, SessionOutcome::stopped_early) << end.reason;
+  EXPECT_THAT(end.reason, HasSubstr("s are left"));
+  // A light is 8 s: at the first one that does not fit, nearly all of the half minute is used.
+  const double elapsed = read_session_folder(folder->root)
+                             ->events.back()
+                             .fields["measured"]["elapsed_s"]
+                             .get<double>();
+  EXPECT_LE(elapsed, 30);
+  EXPECT_GT(elapsed, 20);
+}
 
 TEST(StopConfig, EndsTheSessionEarlyWhenEnoughLightsAreCaptured) {
   const Scratch scratch;

@@ -45,6 +45,7 @@ Prepared some_prepared() {
   plan.left_out.binning.rays_left_out = 123456789012;
   plan.left_out.candidates_unreachable = 480;
   plan.left_out.drivers_not_opened = {"modbus"};
+  prepared.capture_by_lights = {30.5, 61.25};
   prepared.cost = {{"mesh", 0.5}, {"select", 0.25}};
   return prepared;
 }
@@ -83,6 +84,7 @@ TEST(PlanJson, KeepsTheNamesThatScriptsRelyOn) {
   }
   EXPECT_EQ(json.at("cost").at("plan_s"), 0.75);
   EXPECT_EQ(json.at("cost").at("predicted_capture_s"), 61.25);
+  EXPECT_EQ(json.at("cost").at("predicted_capture_by_lights_s"), (Json{30.5, 61.25}));
 }
 
 struct Change {

@@ -226,5 +226,14 @@ TEST(PoseCheck, ASessionOnARightlyPosedObjectNeverWaits) {
   EXPECT_EQ(count(replay, "shot"), 3);
 }
 
+TEST(PoseReason, AsksForAWordOnlyWhereTheSessionWaits) {
+  PoseFit pose;
+  pose.told = true;
+  pose.sure = 10;
+  EXPECT_THAT(pose_reason(pose, true), testing::HasSubstr("resume to go on"));
+  EXPECT_THAT(pose_reason(pose, false), testing::Not(testing::HasSubstr("resume")));
+  EXPECT_THAT(pose_reason(pose, false), testing::HasSubstr("snap --overlay"));
+}
+
 }  // namespace
 }  // namespace lightrig

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <set>
 
+#include "core/shapes.h"
 #include "daemon/session/capture_time.h"
 #include "daemon/session/lay_candidates.h"
 #include "daemon/session/plan_json.h"
@@ -84,6 +85,89 @@ TEST(ClearWay, GoesRoundAKeepOutVolumeOrSaysThatItCannot) {
   EXPECT_THAT(none.error().message, HasSubstr("stand"));
 }
 
+/// Two stops at 30° of elevation, 40° to either side of a stand that the object's mesh is.
+struct AroundAStand {
+  explicit AroundAStand(const Scratch& scratch) : rig(small_rig(scratch.path())) {
+    rig.gantry.solid.emplace();
+    rig.gantry.solid->body.lamp_radius = 0.02;
+    stand = make_sphere(0.1, 3);
+    const Eigen::Vector3d at = 0.8 * Eigen::Vector3d(std::cos(30 * degree), 0, 0.5);
+    stand.vertices.colwise() += at;
+    for (const double azimuth : {-40.0, 40.0}) {
+      Shot shot;
+      shot.gantry.axes = Eigen::Vector2d(azimuth * degree, 30 * degree);
+      shot.exposures = {1e-3, 1e-2};
+      plan.shots.push_back(shot);
+    }
+    plan.visit_order = {0, 1};
+  }
+  Rig rig;
+  Mesh stand;
+  Plan plan;
+};
+
+TEST(CaptureTime, GoesRoundTheObjectAsTheCaptureDoes) {
+  const Scratch scratch;
+  const AroundAStand scene(scratch);
+  const SessionSpec spec = spec_of(scene.rig);
+  const CaptureTime straight = capture_time(scene.rig, spec, scene.plan, nullptr);
+  const CaptureTime round = capture_time(scene.rig, spec, scene.plan, &scene.stand);
+  EXPECT_EQ(straight.shots[1].way.size(), 1U);
+  ASSERT_EQ(round.shots[1].way.size(), 2U);
+  EXPECT_GT(round.shots[1].move, straight.shots[1].move);
+  const GantryModel& gantry = scene.rig.gantry.model;
+  EXPECT_DOUBLE_EQ(round.shots[1].move,
+                   move_time(gantry, scene.plan.shots[0].gantry, round.shots[1].way[0]) +
+                       move_time(gantry, round.shots[1].way[0], scene.plan.shots[1].gantry));
+  // Home is at 10° of elevation, and the way round leaves the 30° of both stops.
+  const double by_the_way = round.shots[1].way[0].axes[1];
+  const std::vector<AxisRange> ranges = axis_ranges(gantry, round);
+  EXPECT_NEAR(ranges[0].least, -40 * degree, 1e-12);
+  EXPECT_NEAR(ranges[1].least, std::min(10 * degree, by_the_way), 1e-12);
+  EXPECT_NEAR(ranges[1].most, std::max(30 * degree, by_the_way), 1e-12);
+}
+
+TEST(CaptureTime, IsGivenForEveryNumberOfLights) {
+  const Prepared& prepared = small_plan();
+  const std::vector<double>& seconds = prepared.capture_by_lights;
+  ASSERT_EQ(seconds.size(), 3U);
+  for (std::size_t i = 1; i < seconds.size(); ++i) EXPECT_GT(seconds[i], seconds[i - 1] + 5);
+  EXPECT_DOUBLE_EQ(seconds.back(), prepared.plan.predicted_capture_time);
+  // The first light alone, and the one held out: home, the two, and the darks.
+  const Scratch scratch;
+  const Rig rig = small_rig(scratch.path());
+  Plan two;
+  two.shots = {prepared.plan.shots[0], prepared.plan.shots[3]};
+  double least = 1e9;
+  for (const std::vector<int>& order : {std::vector<int>{0, 1}, std::vector<int>{1, 0}}) {
+    two.visit_order = order;
+    least = std::min(least, capture_time(rig, spec_of(rig), two, &prepared.object.mesh).total());
+  }
+  EXPECT_DOUBLE_EQ(seconds[0], least);
+}
+
+// Four exposures: 4 dark frames; 4 lights of an ambient frame and 4 exposures. 48 × 36 sites of two
+// bytes, and of twelve for the radiance of each light.
+TEST(LargestSession, CountsOneDarkFrameForEveryExposureAndTheRadiance) {
+  const Scratch scratch;
+  const Rig rig = small_rig(scratch.path());
+  const SessionSize size = largest_session(rig, spec_of(rig), small_plan().plan);
+  EXPECT_EQ(size.frames, 4 + 4 * 5);
+  EXPECT_EQ(size.bytes, 48 * 36 * (2 * 24 + 12 * 4));
+}
+
+TEST(Prepare, LeavesOutLightsThatNoWayLeadsTo) {
+  const Scratch scratch;
+  Rig rig = small_rig(scratch.path());
+  // A wall at azimuth 0 from the pole to the floor: from home, at −10°, nothing beyond is reached.
+  rig.gantry.model.axes[0].home = -10 * degree;
+  rig.keep_out.push_back(KeepOutBox{"wall", {-2, -0.02, -2}, {2, 0.02, 2}});
+  const auto prepared = prepare(rig, spec_of(rig));
+  ASSERT_TRUE(prepared) << prepared.error().message;
+  for (const Shot& shot : prepared->plan.shots) EXPECT_LT(shot.gantry.axes[0], 0);
+  EXPECT_THAT(prepared->remarks, testing::Contains(HasSubstr("no way leads to them")));
+}
+
 TEST(Prepare, HoldsOutALightThatIsNotPlannedAndNotBesideOneThatIs) {
   const Plan& plan = small_plan().plan;
   ASSERT_EQ(plan.shots.size(), 4U);
@@ -120,6 +204,27 @@ TEST(Prepare, EndsAtItsNextStageOnceItIsToldToStop) {
   const auto prepared = prepare(rig, spec_of(rig), false, stop.get_token());
   ASSERT_FALSE(prepared);
   EXPECT_EQ(prepared.error().code, ErrorCode::stopped);
+}
+
+TEST(Prepare, BruteForceAsksForTheShadowOfEveryLitPoint) {
+  const Scratch scratch;
+  const Rig rig = small_rig(scratch.path());
+  SessionSpec spec = spec_of(rig);
+  spec.object.shape = "torus";
+  spec.object.world_from_object.rotate(Eigen::AngleAxisd(60 * degree, Eigen::Vector3d::UnitX()));
+  const auto fast = prepare(rig, spec), plain = prepare(rig, spec, true);
+  ASSERT_TRUE(fast && plain);
+  EXPECT_EQ(fast->bins.offset, plain->bins.offset);
+  EXPECT_EQ(fast->bins.cell, plain->bins.cell);
+  const BinningStatistics& little = fast->plan.left_out.binning;
+  const BinningStatistics& all = plain->plan.left_out.binning;
+  EXPECT_GT(little.rays_left_out, 0);
+  EXPECT_EQ(all.rays_left_out, 0);
+  EXPECT_EQ(all.rays_cast, all.points_tested);
+  spec.plan.shadows = ShadowRays::none;
+  const auto unshaded = prepare(rig, spec, true);
+  ASSERT_TRUE(unshaded);
+  EXPECT_EQ(unshaded->plan.left_out.binning.rays_cast, 0);
 }
 
 TEST(Prepare, PredictsTheErrorAfterEveryStepOfTheWay) {

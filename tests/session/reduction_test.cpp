@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include "daemon/session/baselines.h"
+#include "daemon/session/black_pixels.h"
 #include "daemon/session/held_out.h"
 #include "daemon/session/image_sites.h"
 #include "sim/truth.h"
@@ -287,6 +288,20 @@ TEST(HeldOut, SaysNothingWithoutARow) {
   fit.brdf.f = Eigen::ArrayXXd::Constant(1, 1, 0.1);
   fit.log_stddev = Eigen::ArrayXXd::Constant(1, 1, 0.1);
   EXPECT_TRUE(std::isnan(held_out_error({}, fit, 1e-4).percent));
+}
+
+// f = 0.05 ± one deviation of ln f of 0.12: with ln(f + 0.01) that is 0.12 · 0.05/0.06 = 0.1 of the
+// mapped value, and three of them below it lies 0.06 · e^−0.3 − 0.01.
+TEST(SurelyShown, TakesDeviationsInTheUnitsOfTheMapping) {
+  Reconstruction fit;
+  fit.brdf.grid = {1, 1};
+  fit.brdf.f = Eigen::ArrayXXd::Constant(1, 1, 0.05);
+  fit.log_stddev = Eigen::ArrayXXd::Constant(1, 1, 0.12);
+  LogMapping mapping{Mapping::ln_offset, 0.01, {}, {}};
+  const Eigen::ArrayXXd none = Eigen::ArrayXXd::Zero(1, 1);
+  EXPECT_NEAR(surely_shown(fit, mapping, none)(0, 0), 0.06 * std::exp(-0.3) - 0.01, 1e-12);
+  mapping.kind = Mapping::ln_floor;
+  EXPECT_NEAR(surely_shown(fit, mapping, none)(0, 0), 0.05 * std::exp(-0.36), 1e-12);
 }
 
 TEST(RandomLights, ArePhotographedAndDependOnTheSeedAndNotOnTheThreads) {

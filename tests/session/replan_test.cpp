@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <numeric>
 #include <random>
 #include <set>
 
@@ -164,25 +166,107 @@ LightYield yield_without(const Prepared& prepared, int shot, double share, bool 
   return yield_of(prepared, shot, observed, 1);
 }
 
+/// The plan with all but the first of its five lights where they are worth least, so that others
+/// are better whatever is lost.
+Prepared poorly_planned() {
+  Prepared prepared = five_light_plan();
+  std::vector<int> order(prepared.candidates.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::stable_sort(order, {}, [&](int i) { return prepared.bins.of(i).size(); });
+  std::erase_if(order, [&](int i) {
+    return prepared.bins.of(i).empty() ||
+           std::ranges::any_of(prepared.plan.shots,
+                               [&](const Shot& shot) { return shot.candidate == i; });
+  });
+  for (std::size_t s = 1; s < 5; ++s) {
+    prepared.plan.shots[s].candidate = order[s];
+    prepared.plan.shots[s].light = prepared.candidates[static_cast<std::size_t>(order[s])].light;
+  }
+  return prepared;
+}
+
+/// As planned, but of all candidates that may be taken one alone shows anything: the bins of the
+/// first light and 30 more. It stands within 15° of the first light, or more than 40° away.
+struct OneOther {
+  explicit OneOther(bool nearby) : prepared(poorly_planned()) {
+    const CandidateBins bins = prepared.bins;
+    const std::vector<Shot>& shots = prepared.plan.shots;
+    const Eigen::Vector3d middle = prepared.points.position.rowwise().mean();
+    for (int i = 0; i < bins.candidates() && other < 0; ++i) {
+      const LightPosition& light = prepared.candidates[static_cast<std::size_t>(i)].light;
+      const double from_first = angle_between(shots[0].light, light, middle);
+      const bool taken =
+          std::ranges::any_of(shots, [&](const Shot& s) { return s.candidate == i; });
+      const bool tests = angle_between(shots.back().light, light, middle) < held_out_distance;
+      if (!taken && !tests && from_first > 0.7) other = i;
+    }
+    if (nearby && other >= 0) {
+      LightPosition& moved = prepared.candidates[static_cast<std::size_t>(other)].light;
+      for (const double turn : {-0.2, 0.2}) {
+        const LightPosition at{
+            false, Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()) * shots[0].light.p};
+        if (angle_between(shots.back().light, at, middle) > held_out_distance) moved = at;
+      }
+      EXPECT_LT(angle_between(shots[0].light, moved, middle), 0.25);
+    }
+    const auto first = bins.of(shots[0].candidate);
+    std::set<std::int32_t> shown(first.begin(), first.end());
+    for (std::int32_t cell = 0; shown.size() < first.size() + more; ++cell) {
+      if (prepared.plan_basis.valid[static_cast<std::size_t>(cell)] != 0) shown.insert(cell);
+    }
+    prepared.bins = {.grid = bins.grid, .offset = {0}, .cell = {}};
+    for (int i = 0; i < bins.candidates(); ++i) {
+      std::vector<std::int32_t> cells;
+      if (i == shots[0].candidate) cells.assign(first.begin(), first.end());
+      if (i == shots[1].candidate) cells = {*shown.begin()};
+      if (i == other) cells.assign(shown.begin(), shown.end());
+      prepared.bins.cell.insert(prepared.bins.cell.end(), cells.begin(), cells.end());
+      prepared.bins.offset.push_back(static_cast<std::int64_t>(prepared.bins.cell.size()));
+    }
+  }
+  static constexpr int more = 30;
+  Prepared prepared;
+  int other = -1;
+};
+
 TEST(Replan, CountsNoMoreOnBinsThatWereTooBrightNorOnBlockedOnesFromNearby) {
-  const Prepared& prepared = five_light_plan();
   const Scratch scratch;
   const SessionSpec spec = spec_of(small_rig(scratch.path(), {five_lights}));
+  for (const bool nearby : {false, true}) {
+    const OneOther scene(nearby);
+    ASSERT_GE(scene.other, 0);
+    for (const bool saturated : {false, true}) {
+      const LightYield lost = yield_without(scene.prepared, 0, 0.9, saturated);
+      EXPECT_TRUE(lost_rows(lost));
+      EXPECT_EQ(saturated ? lost.saturated : lost.missing, lost.lost());
+      const auto found = replan(scene.prepared, spec, {&lost, 1}, {1, {}, {1}}, 1);
+      ASSERT_TRUE(found) << nearby << saturated;
+      ASSERT_EQ(found->lights.size(), 1U);
+      const SelectedLight& light = found->lights[0].second;
+      EXPECT_EQ(light.candidate, scene.other);
+      EXPECT_LT(found->percent, found->planned_percent);
+      // Too bright once is too bright from anywhere; blocked is blocked from beside it.
+      const bool again = !saturated && !nearby;
+      EXPECT_EQ(light.new_cells, OneOther::more + (again ? lost.lost() : 0)) << nearby << saturated;
+    }
+  }
+}
+
+TEST(Replan, LeavesWhatTestsTheResultAndLightsThatLostNothing) {
+  const Scratch scratch;
+  const SessionSpec spec = spec_of(small_rig(scratch.path(), {five_lights}));
+  const Prepared prepared = poorly_planned();
   const Eigen::Vector3d middle = prepared.points.position.rowwise().mean();
   for (const bool saturated : {false, true}) {
     const std::vector<LightYield> yields{yield_without(prepared, 0, 0.9, saturated)};
-    EXPECT_TRUE(lost_rows(yields[0]));
-    EXPECT_EQ(saturated ? yields[0].saturated : yields[0].missing, yields[0].lost());
     const auto found = replan(prepared, spec, yields, {1, {}, {1, 2, 3, 4}}, 1);
-    if (!found) continue;
-    EXPECT_EQ(found->lights.size(), 4U);
-    EXPECT_LT(found->percent, found->planned_percent);
+    ASSERT_TRUE(found);
     for (const auto& [index, light] : found->lights) {
-      const Shot& held_out = prepared.plan.shots.back();
       const LightPosition& position =
           prepared.candidates[static_cast<std::size_t>(light.candidate)].light;
       EXPECT_NE(light.candidate, prepared.plan.shots[0].candidate);
-      EXPECT_GE(angle_between(position, held_out.light, middle), held_out_distance);
+      EXPECT_GE(angle_between(position, prepared.plan.shots.back().light, middle),
+                held_out_distance);
     }
   }
   // Nothing lost, or nothing left to change: the plan stands.

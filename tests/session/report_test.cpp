@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/session/chart.h"
+#include "daemon/session/exposures_told.h"
 #include "daemon/session/report_text.h"
 
 namespace lightrig {
@@ -88,7 +89,8 @@ TEST(Report, StatesWhatItFoundAndWhatItCost) {
   const Example example;
   const std::string html = report_html(example.result, {});
   for (const char* text : {"brass &lt;3&gt;", "5.2 %", "48 %", "9.1 %", "scale is nominal",
-                           "1\u202f234\u202f567", "convex &amp; whole", "1.5 s, 20 µs",
+                           "1\u202f234\u202f567", "convex &amp; whole",
+                           "20 µs: no lit pixel is too bright for a longer one; 1.5 s: the darkest",
                            "∞ (rank still growing)", "<td>merge</td><td class=n>0.500</td>"}) {
     EXPECT_THAT(html, HasSubstr(text));
   }
@@ -162,6 +164,35 @@ TEST(Chart, KeepsItsNamesApart) {
   }
   std::sort(heights.begin(), heights.end());
   for (std::size_t i = 1; i < heights.size(); ++i) EXPECT_GE(heights[i] - heights[i - 1], 15);
+}
+
+// Offered 20 µs, 0.32 ms, 5.12 ms, 82 ms, 1.3 s; metered with 5.12 ms, of which 5.12 and 82 ms came
+// to be needed. A journal of before called the metering frame's own exposure skipped too.
+TEST(ExposuresTold, CountTheMeteringFrameAndSayWhyTheOthersWereNotNeeded) {
+  CapturedShot shot;
+  shot.frames = {{"ambient.exr", "ambient", 1.3, ""},
+                 {"metering.exr", "metering", 5.12e-3, ""},
+                 {"e4.exr", "bracket", 82.0001e-3, ""}};
+  shot.exposures_skipped = {20e-6, 0.32e-3, 5.12e-3, 1.3};
+  const ExposuresTold told = exposures_told(shot);
+  EXPECT_THAT(told.used, testing::ElementsAre(5.12e-3, 82.0001e-3));
+  ASSERT_EQ(told.skipped.size(), 3U);
+  EXPECT_TRUE(told.skipped[0].shorter);
+  EXPECT_EQ(told.skipped[1].exposure, 0.32e-3);
+  EXPECT_TRUE(told.skipped[1].shorter);
+  EXPECT_EQ(told.skipped[2].exposure, 1.3);
+  EXPECT_FALSE(told.skipped[2].shorter);
+  // None but the shortest was needed: the metering frame is longer than that, and so is the rest.
+  shot.frames[2] = {"e1.exr", "bracket", 20e-6, ""};
+  shot.exposures_skipped = {0.32e-3, 82e-3, 1.3};
+  for (const auto& one : exposures_told(shot).skipped) EXPECT_FALSE(one.shorter);
+}
+
+TEST(Report, SaysBesideALightWhyItsExposuresWereSkipped) {
+  const Example example;
+  const std::string html = report_html(example.result, {});
+  EXPECT_THAT(html, HasSubstr("no lit pixel is too bright for a longer one"));
+  EXPECT_THAT(html, HasSubstr("the darkest pixel has its signal-to-noise without it"));
 }
 
 }  // namespace

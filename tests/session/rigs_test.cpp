@@ -3,12 +3,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 #include <regex>
+#include <set>
 
 #include "config/read_rig.h"
 #include "daemon/session/calibrate.h"
 #include "daemon/session/durable_file.h"
+#include "daemon/session/frame_file.h"
+#include "daemon/session/picture_file.h"
 #include "daemon/session/pose_overlay.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/session.h"
@@ -147,19 +151,81 @@ TEST(WhiteReference, OfSomethingShinyIsRefused) {
   EXPECT_THAT(white.error().message, HasSubstr("scatters"));
 }
 
+Prepared prepared_copy(const std::string& name, const fs::path& folder, Rig& rig) {
+  std::ofstream(folder / "rig.toml") << small_copy(name, folder);
+  auto read = read_rig(folder / "rig.toml");
+  EXPECT_TRUE(read.value) << to_text(read.diagnostics);
+  rig = *read.value;
+  auto prepared = prepare(rig, *read_session("", rig).value);
+  EXPECT_TRUE(prepared) << prepared.error().message;
+  return std::move(*prepared);
+}
+
 TEST(Overlay, DrawsTheOutlineWhereTheModelIsAndSaysWhereHighlightsWillBe) {
   const Scratch scratch;
-  std::ofstream(scratch.path() / "rig.toml") << small_copy("lamps_mono", scratch.path());
-  const auto rig = read_rig(scratch.path() / "rig.toml");
-  ASSERT_TRUE(rig.value);
-  const auto spec = read_session("", *rig.value);
-  const auto prepared = prepare(*rig.value, *spec.value);
-  ASSERT_TRUE(prepared) << prepared.error().message;
-  const std::vector<ExpectedHighlight> highlights = expected_highlights(*rig.value, *prepared);
-  EXPECT_GE(highlights.size(), 3U);
-  for (const ExpectedHighlight& one : highlights) {
+  Rig rig;
+  const Prepared prepared = prepared_copy("lamps_mono", scratch.path(), rig);
+  const GantryPosition home = home_position(rig.gantry.model);
+  const ExpectedHighlights highlights = expected_highlights(rig, prepared, home);
+  EXPECT_GE(highlights.seen.size(), 3U);
+  EXPECT_TRUE(highlights.at_another_turn.empty());
+  const auto black = encode_png(160, 120, 1, std::vector<std::uint8_t>(160 * 120, 0)).value();
+  const std::string png(reinterpret_cast<const char*>(black.data()), black.size());
+  const auto drawn = overlay_png(png, rig, prepared, home);
+  ASSERT_TRUE(drawn) << drawn.error().message;
+  ASSERT_TRUE(write_durably(scratch.path() / "drawn.png", *drawn));
+  const GreyImage picture = read_grey_image(scratch.path() / "drawn.png").value();
+  ASSERT_EQ(picture.width, 160);
+  const auto at = [&](int x, int y) {
+    return picture.pixels[static_cast<std::size_t>(y) * 160 + static_cast<std::size_t>(x)];
+  };
+  const auto seen = [&](int x, int y) {
+    return prepared.occluder->first_hit(ray_through(rig.camera.model, x, y)).has_value();
+  };
+  int outline = 0;
+  for (int y = 1; y < 120; ++y) {
+    for (int x = 1; x < 160; ++x) {
+      const bool edge = seen(x, y) != seen(x - 1, y) || seen(x, y) != seen(x, y - 1);
+      outline += edge ? 1 : 0;
+      if (edge) {
+        EXPECT_GT(at(x, y), 0) << x << ", " << y;
+      }
+    }
+  }
+  EXPECT_GT(outline, 50);
+  for (const ExpectedHighlight& one : highlights.seen) {
     EXPECT_GE(one.pixel.x(), 0);
     EXPECT_LT(one.pixel.x(), 160);
+    // A ring of six pixels; brighter than the outline's green.
+    const int x = static_cast<int>(std::lround(one.pixel.x())) + 6;
+    EXPECT_GT(at(x, static_cast<int>(std::lround(one.pixel.y()))), 140);
+  }
+  EXPECT_THAT(overlay_png("no picture", rig, prepared, home).error().message,
+              HasSubstr("draw over the picture"));
+}
+
+TEST(Overlay, ShowsATurntableAsItStandsAndNamesTheLightsOfOtherTurns) {
+  const Scratch scratch;
+  Rig rig;
+  const Prepared prepared = prepared_copy("turntable_arm_bayer", scratch.path(), rig);
+  const std::vector<Shot>& shots = prepared.plan.shots;
+  for (const Shot& stands : shots) {
+    const ExpectedHighlights highlights = expected_highlights(rig, prepared, stands.gantry);
+    std::set<int> of_this_turn(highlights.lights_nothing.begin(), highlights.lights_nothing.end());
+    for (const ExpectedHighlight& one : highlights.seen) of_this_turn.insert(one.shot);
+    EXPECT_FALSE(highlights.seen.empty());
+    for (int s = 0; s < static_cast<int>(shots.size()); ++s) {
+      const double turn = shots[static_cast<std::size_t>(s)].gantry.axes[0] - stands.gantry.axes[0];
+      EXPECT_EQ(of_this_turn.contains(s), std::abs(turn) < 0.008) << s;
+    }
+    EXPECT_EQ(of_this_turn.size() + highlights.at_another_turn.size(), shots.size());
+    // The highlight is where this turn's camera sees the surface, not the home turn's.
+    for (const ExpectedHighlight& one : highlights.seen) {
+      const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, stands.gantry);
+      const auto hit =
+          prepared.occluder->first_hit(ray_through(camera, one.pixel.x(), one.pixel.y()));
+      EXPECT_TRUE(hit.has_value());
+    }
   }
 }
 

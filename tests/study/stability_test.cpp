@@ -25,17 +25,30 @@ TEST_P(StabilitySubject, AgreesWithHighPrecisionOnEveryStiffOrExtremeCase) {
 
 INSTANTIATE_TEST_SUITE_P(Stability, StabilitySubject,
                          ::testing::Values("condition", "posterior", "angles", "planner",
-                                           "geometry", "materials", "bracket", "motion", "route"),
+                                           "geometry", "materials", "fit", "bracket", "motion",
+                                           "route"),
                          [](const auto& subject) { return std::string(subject.param); });
 
 TEST(Stability, SaysWhereTheNaiveFormulaIsWrong) {
   // The eigenvalues of GᵀG at a condition number of 1e20: no digit is right, nor always the sign.
   int hopeless = 0;
   for (const StabilityCase& c : report().cases) {
-    if (c.group == "condition" && c.pass && !(std::abs(c.naive / c.reference - 1) < 0.5))
+    if (c.group == "condition" && c.pass && c.naive &&
+        !(std::abs(*c.naive / c.reference - 1) < 0.5))
       ++hopeless;
   }
   EXPECT_GE(hopeless, 3);
+}
+
+TEST(Stability, SaysNothingOfANaiveFormulaWhereThereIsNone) {
+  StabilityReport few;
+  for (const StabilityCase& c : report().cases)
+    if (c.name == "a ball is" || c.name.starts_with("MAP of zeros")) few.cases.push_back(c);
+  ASSERT_EQ(few.cases.size(), 2U);
+  EXPECT_FALSE(few.cases[0].naive);
+  EXPECT_TRUE(std::isnan(few.cases[1].naive.value()));  // the logarithm of a negative number
+  EXPECT_NE(stability_text(few).find(" –  ok"), std::string::npos);
+  EXPECT_NE(stability_json(few).find("\"naive\": null"), std::string::npos);
 }
 
 TEST(Stability, TextAndJsonHoldEveryCase) {
