@@ -19,7 +19,7 @@ namespace {
 
 bool has_ended(const std::string& state) {
   return state == "done" || state == "aborted" || state == "faulted" || state == "refused" ||
-         state == "captured";
+         state == "captured" || state == "halted";
 }
 
 int tell_end(const Json& session, bool json) {
