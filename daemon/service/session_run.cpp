@@ -152,6 +152,7 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
     }
     remember(*opened);
   }
+  access_.set_object(spec.object);
   liveness_.promise(longest_step());
   const SessionListeners listeners{
       [this](const JournalEvent& event) { on_event(event); },
