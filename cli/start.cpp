@@ -85,7 +85,7 @@ int follow(const ServiceClient& client, const std::string& id, bool json) {
 }
 
 Result<Json> start_request(const StartOptions& options) {
-  Json body = Json::object();
+  Json body{{"key", request_key()}};
   if (!options.session.empty()) {
     std::error_code error;
     const auto path = std::filesystem::canonical(options.session, error);

@@ -211,12 +211,20 @@ Result<std::uint64_t> Service::home(const Caller& caller) {
 }
 
 Result<std::uint64_t> Service::jog(const Caller& caller, const std::string& axis, double value,
-                                   bool relative) {
+                                   bool relative, const std::string& key) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!key.empty() && key == last_jog_.key) return last_jog_.id;
+  }
   // Jogging is legal exactly where homing is; the state does not change by it.
-  return submit("jog", caller, Event::home, false,
-                [this, axis, value, relative](SessionControl& control) {
-                  return do_jog(control, axis, value, relative);
-                });
+  auto accepted = submit("jog", caller, Event::home, false,
+                         [this, axis, value, relative](SessionControl& control) {
+                           return do_jog(control, axis, value, relative);
+                         });
+  if (!accepted) return accepted;
+  const std::lock_guard lock(mutex_);
+  last_jog_ = {key, *accepted};
+  return accepted;
 }
 
 Result<std::uint64_t> Service::lamp(const Caller& caller, double power) {

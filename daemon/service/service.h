@@ -114,9 +114,10 @@ class Service {
   Result<std::uint64_t> disarm(const Caller& caller);
   Result<std::uint64_t> clear(const Caller& caller);
   Result<std::uint64_t> home(const Caller& caller);
-  /// Moves one axis by, or to, a value [rad or m].
+  /// Moves one axis by, or to, a value [rad or m]. Requests repeated under one key move once; "" is
+  /// no key.
   Result<std::uint64_t> jog(const Caller& caller, const std::string& axis, double value,
-                            bool relative);
+                            bool relative, const std::string& key = "");
 
   /// Sets the lamp of an armed rig [0, 1]; its lease makes it dark again, and so does whatever ends
   /// the arming.
@@ -244,6 +245,10 @@ class Service {
   struct {
     std::string key, id;
   } last_start_;  ///< the idempotency key of the last accepted start, and the session it began
+  struct {
+    std::string key;
+    std::uint64_t id = 0;
+  } last_jog_;  ///< the same of the last accepted jog, and its command
   std::string disk_trouble_;
   std::uintmax_t disk_free_bytes_ = 0;
   std::uint64_t frames_ = 0, sessions_done_ = 0, aborts_ = 0, faults_ = 0;

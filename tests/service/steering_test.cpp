@@ -3,7 +3,10 @@
 #include <gtest/gtest.h>
 #include <sys/mount.h>
 
+#include <chrono>
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include "tests/service/story.h"
 #include "tests/session/scratch.h"
@@ -50,6 +53,39 @@ TEST_F(ServiceSteering, ReachesNoCommandThatIsNotTheSessions) {
   EXPECT_NE(now["commands"].back()["state"], "failed");
   EXPECT_EQ(now["session"]["state"], "aborted");
   EXPECT_EQ(post("/v1/abort").status, 200);
+}
+
+// Found: 4 MB of short names took the parser minutes, on the thread that an ABORT arrives at.
+TEST_F(ServiceSteering, AbortsWhileABodyOfVeryManyNamesIsRead) {
+  std::string names = "{";
+  while (names.size() < (std::size_t{3} << 20))
+    names += "\"" + std::to_string(names.size()) + "\":1,";
+  names += "\"key\":\"k\"}";
+  std::vector<RawConnection> crowd;
+  for (const char* path : {"/v1/sessions", "/v1/lock", "/v1/abort"}) {
+    crowd.emplace_back(socket_);
+    crowd.back().send(std::string("POST ") + path + " HTTP/1.1\r\nHost: x\r\n" + mutation_headers +
+                      "Content-Length: " + std::to_string(names.size()) + "\r\n\r\n" + names);
+  }
+  const auto begun = std::chrono::steady_clock::now();
+  EXPECT_EQ(post("/v1/abort").status, 200);
+  EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::seconds(5));
+  EXPECT_THAT(crowd[0].receive("\r\n\r\n{", std::chrono::seconds(10)), HasSubstr(" 422 "));
+  EXPECT_THAT(crowd[1].receive("\r\n\r\n{", std::chrono::seconds(10)), HasSubstr(" 413 "));
+  EXPECT_THAT(crowd[2].receive("\r\n\r\n{", std::chrono::seconds(10)), HasSubstr(" 200 "));
+  EXPECT_EQ(host_->service().snapshot().aborts, 2U);
+}
+
+TEST_F(ServiceSteering, MovesOnceForRequestsRepeatedUnderOneKey) {
+  arm();
+  EXPECT_EQ(post("/v1/home").status, 202);
+  wait_for_state("armed");
+  const std::string step = R"({"axis":"azimuth","by_deg":5,"key":"k1"})";
+  const Json first = post("/v1/jog", step).json();
+  wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  EXPECT_EQ(post("/v1/jog", step).json()["command"], first["command"]);
+  const Json end = wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  EXPECT_NEAR(end["devices"]["gantry"]["position"][0].get<double>(), 5 * 3.14159265 / 180, 1e-3);
 }
 
 TEST_F(ServiceSteering, WaitsForSpaceBeforeItsResultAndGoesOnByItself) {
