@@ -210,7 +210,7 @@ class Service {
                                      const SessionEnd& end);
   Result<std::string> reduce(SessionControl& control, const SessionFolder& folder);
   Result<void> while_there_is_space(SessionControl& control, const std::filesystem::path& folder,
-                                    const std::function<Result<void>()>& step);
+                                    Event goes_on, const std::function<Result<void>()>& step);
   Result<void> wait_for_space(SessionControl& control, const std::filesystem::path& folder,
                               std::chrono::seconds longest);
   Result<std::string> refuse_session(const Error& error);

@@ -159,11 +159,22 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
       [this](const SessionProgress& progress) { on_progress(progress); },
       [this](const Frame& frame, const std::string& shot) { on_frame(frame, shot); },
       [this](const std::string&, std::uint64_t take) { access_.set_take(take); }};
-  const SessionEnd end = capture(
-      folder, settings_.rig, spec, prepared, access_.devices(), access_.clock(), control, listeners,
-      [this](Reopen what, std::unique_ptr<Camera> old, const std::stop_token& stop) {
-        return access_.reopen(what, std::move(old), stop);
+  SessionEnd end;
+  // From its first line on capture() waits for space itself.
+  const auto begun =
+      while_there_is_space(control, folder.root, Event::resume, [&]() -> Result<void> {
+        liveness_.promise(longest_step());
+        end =
+            capture(folder, settings_.rig, spec, prepared, access_.devices(), access_.clock(),
+                    control, listeners,
+                    [this](Reopen what, std::unique_ptr<Camera> old, const std::stop_token& stop) {
+                      return access_.reopen(what, std::move(old), stop);
+                    });
+        if (end.waits_for_space && !end.lamp_may_be_on)
+          return fail(ErrorCode::no_space, end.reason);
+        return {};
       });
+  if (!begun) return not_begun(control, "begin the capture");
   access_.remember_lamp(!end.lamp_may_be_on);
   return finish_session(control, folder, end);
 }
@@ -198,7 +209,7 @@ Result<std::string> Service::finish_session(SessionControl& control, const Sessi
 
 // A step to the disk, done again each time that its disk has space again.
 Result<void> Service::while_there_is_space(SessionControl& control,
-                                           const std::filesystem::path& folder,
+                                           const std::filesystem::path& folder, Event goes_on,
                                            const std::function<Result<void>()>& step) {
   for (std::chrono::seconds longest = 2s;; longest = std::min(2 * longest, longest_space_wait)) {
     liveness_.promise(computing_promise);
@@ -210,7 +221,7 @@ Result<void> Service::while_there_is_space(SessionControl& control,
               {"", "no_space"});
     if (!waits) return done;  // aborted or faulted: nobody waits for it
     if (auto waited = wait_for_space(control, folder, longest); !waited) return waited;
-    if (!apply(Event::captured)) return fail(ErrorCode::stopped, control.reason());
+    if (!apply(goes_on)) return fail(ErrorCode::stopped, control.reason());
   }
 }
 
@@ -239,10 +250,11 @@ Result<void> Service::wait_for_space(SessionControl& control, const std::filesys
 Result<std::string> Service::reduce(SessionControl& control, const SessionFolder& folder) {
   const std::string id = folder.root.filename().string();
   Result<ReductionSummary> summary = ReductionSummary{};
-  const auto reduced = while_there_is_space(control, folder.root, [&]() -> Result<void> {
-    summary = reduce_session(folder.root, folder.root, settings_.threads);
-    return summary ? Result<void>() : tl::unexpected(summary.error());
-  });
+  const auto reduced =
+      while_there_is_space(control, folder.root, Event::captured, [&]() -> Result<void> {
+        summary = reduce_session(folder.root, folder.root, settings_.threads);
+        return summary ? Result<void>() : tl::unexpected(summary.error());
+      });
   if (!reduced) {
     const std::string reason =
         fmt::format("no result: {}; the frames are stored, lightrig resume {} reduces and seals it",
@@ -254,8 +266,8 @@ Result<std::string> Service::reduce(SessionControl& control, const SessionFolder
     }
     return tl::unexpected(with_context("reduce the session", reduced.error()));
   }
-  const auto sealed =
-      while_there_is_space(control, folder.root, [&] { return seal_session(folder); });
+  const auto sealed = while_there_is_space(control, folder.root, Event::captured,
+                                           [&] { return seal_session(folder); });
   if (!sealed) log_.warning("not_sealed", {{"session", id}, {"reason", sealed.error().message}});
   const auto percent = [](double value) { return fmt::format("{:.2f}", value); };
   const double predicted =

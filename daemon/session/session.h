@@ -68,6 +68,7 @@ struct SessionEnd {
   SessionOutcome outcome = SessionOutcome::done;
   std::string reason;  ///< one sentence for a person; says LAMP MAY BE ON where that is so
   bool lamp_may_be_on = false;
+  bool waits_for_space = false;  ///< faulted before its first line: its disk is full
 };
 
 /// Who is told; each may be empty. All are called by the capturing thread, which waits for them:
