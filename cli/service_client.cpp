@@ -2,7 +2,9 @@
 
 #include <curl/curl.h>
 #include <fmt/format.h>
+#include <sys/random.h>
 
+#include <array>
 #include <chrono>
 #include <memory>
 #include <thread>
@@ -144,6 +146,14 @@ Result<Json> parsed(const Result<std::string>& body) {
 }
 
 }  // namespace
+
+std::string request_key() {
+  std::array<unsigned char, 12> random{};
+  if (getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size())) return {};
+  std::string key;
+  for (const unsigned char byte : random) key += fmt::format("{:02x}", byte);
+  return key;
+}
 
 ServiceClient::ServiceClient(const ServiceOptions& options)
     : socket_(options.socket), as_(options.as) {}

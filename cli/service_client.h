@@ -10,6 +10,9 @@
 
 namespace lightrig::cli {
 
+/// A key that no other request has: one that is sent twice is then carried out once.
+std::string request_key();
+
 /// A call over the control socket (libcurl).
 class ServiceClient {
  public:

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -129,6 +130,10 @@ const Ordered pausing{"pause",
                       std::chrono::seconds{60}, "{}: the lamp is dark; lightrig resume goes on"};
 const Ordered halting{"halt", &at_rest, std::chrono::seconds{30},
                       "{}: lamp dark; lightrig resume goes on"};
+const Ordered stopping{"stop",
+                       [](const Json& s) { return text(s, "state") == "reducing" || at_rest(s); },
+                       std::chrono::seconds{60},  // and a light's time, see stop_time()
+                       "{}: the last light is stored; lightrig watch follows the reduction"};
 const Ordered resuming{"resume",
                        [](const Json& s) {
                          return text(s, "state") == "capturing" || text(s, "state") == "reducing" ||
@@ -138,6 +143,17 @@ const Ordered resuming{"resume",
 const Ordered aborting{"abort",
                        [](const Json& s) { return at_rest(s) && part(s, "devices").is_null(); },
                        std::chrono::seconds{30}, "{}"};
+
+/// A stop waits for the light in hand: a minute, and three times what a light is predicted to take.
+std::chrono::seconds stop_time(const ServiceClient& client) {
+  const auto status = client.get_json("/v1/status");
+  if (!status) return stopping.within;
+  const Json& session = part(*status, "session");
+  const int left =
+      session.is_object() ? session.value("shots_total", 0) - session.value("shots_done", 0) : 0;
+  const double light = number(session, "remaining_s") / std::max(1, left);
+  return stopping.within + std::chrono::seconds(light > 0 ? std::llround(3 * light) : 0);
+}
 
 /// The state once it is so. Errors: timed_out with the state it is in instead; refused when the
 /// session did not take it up.
@@ -202,7 +218,8 @@ int jog(const JogOptions& options) {
   for (const Json& axis : part(*rig, "axes"))
     if (text(axis, "name") == options.axis && !text(axis, "unit").empty())
       member = fmt::format("{}_{}", member, text(axis, "unit"));
-  const auto reply = client.post("/v1/jog", {{"axis", options.axis}, {member, options.amount}});
+  const auto reply = client.post(
+      "/v1/jog", {{"axis", options.axis}, {member, options.amount}, {"key", request_key()}});
   if (!reply) return complain(reply.error());
   const auto end = client.wait_for(reply->value("command", std::uint64_t{0}));
   if (!end) return complain(end.error());
@@ -214,11 +231,13 @@ int steer(const ServiceOptions& options, const std::string& verb, const std::str
   const ServiceClient client(options);
   const auto session = session_or_current(client, id);
   if (!session) return complain(session.error());
+  Ordered ordered = verb == "pause"  ? pausing
+                    : verb == "halt" ? halting
+                    : verb == "stop" ? stopping
+                                     : resuming;
+  if (verb == "stop") ordered.within = stop_time(client);
   const auto reply = client.post("/v1/sessions/" + *session + "/" + verb, Json::object());
-  if (!reply || verb == "stop")
-    return finish(reply, options.json,
-                  "ending after this shot, then reducing; lightrig watch follows it");
-  const Ordered& ordered = verb == "pause" ? pausing : verb == "halt" ? halting : resuming;
+  if (!reply) return complain(reply.error());
   const auto end = wait_until(client, ordered);
   if (!end) return complain(end.error());
   say(options.json ? json_text(Json{{"ok", true}, {"state", *end}})

@@ -19,7 +19,7 @@ namespace {
 
 bool has_ended(const std::string& state) {
   return state == "done" || state == "aborted" || state == "faulted" || state == "refused" ||
-         state == "captured";
+         state == "captured" || state == "halted";
 }
 
 int tell_end(const Json& session, bool json) {
@@ -85,7 +85,7 @@ int follow(const ServiceClient& client, const std::string& id, bool json) {
 }
 
 Result<Json> start_request(const StartOptions& options) {
-  Json body = Json::object();
+  Json body{{"key", request_key()}};
   if (!options.session.empty()) {
     std::error_code error;
     const auto path = std::filesystem::canonical(options.session, error);

@@ -6,6 +6,8 @@
 #include <string_view>
 #include <utility>
 
+#include "core/check.h"
+
 namespace lightrig {
 namespace {
 
@@ -98,6 +100,10 @@ HttpAnswer Api::dispatch(const HttpRequest& request) {
     if (auto refusal = refuse(request, route)) return *refusal;
     // An ABORT is one whatever its body holds.
     const bool aborts = route.handle == &Api::abort || route.handle == &Api::abort_session;
+    if (route.large) return read_later(request, route, *id);
+    if (request.body.size() > small_body && !aborts)
+      return error_reply(413, "invalid_input",
+                         fmt::format("the body may have {} bytes at most here", small_body));
     if (is_mutation(route) && !aborts)
       if (auto checked = check_body(request.body, route.body); !checked)
         return error_reply(checked.error());
@@ -113,6 +119,16 @@ HttpAnswer Api::dispatch(const HttpRequest& request) {
   return reply;
 }
 
+HttpAnswer Api::read_later(const HttpRequest& request, const Route& route, const std::string& id) {
+  return HttpLater{[this, request, &route, id]() -> HttpReply {
+    if (auto checked = check_body(request.body, route.body); !checked)
+      return error_reply(checked.error());
+    HttpAnswer answer = (this->*route.handle)(request, id);
+    CHECK(std::holds_alternative<HttpReply>(answer));
+    return std::get<HttpReply>(std::move(answer));
+  }};
+}
+
 // In the order in which an attack would fail first: who may speak to us at all, then who may move
 // the rig, then what they say.
 std::optional<HttpReply> Api::refuse(const HttpRequest& request, const Route& route) const {
@@ -122,7 +138,7 @@ std::optional<HttpReply> Api::refuse(const HttpRequest& request, const Route& ro
     if (std::find(guard_.hosts.begin(), guard_.hosts.end(), host) == guard_.hosts.end())
       return error_reply(421, "refused",
                          "this Host is not served here; use the address that the "
-                         "service listens on");
+                         "service listens on, or start it with --host for another name");
     const std::string& origin = request.header("origin");
     if (!origin.empty() && host_of_origin(lower_case(origin)) != host)
       return error_reply(403, "refused", "requests from other web sites are refused");

@@ -20,6 +20,12 @@ struct ApiGuard {
 
 class Api;
 
+/// What a body may have at most, save a plan's: it is read on the socket's thread, where an ABORT
+/// may be the next to come.
+inline constexpr std::size_t small_body = std::size_t{64} << 10;
+/// Of an ABORT's body, beyond which its reason is not read.
+inline constexpr std::size_t abort_body = std::size_t{4} << 10;
+
 /// One operation: the handlers and the OpenAPI document are made from the same table.
 struct Route {
   const char* method;
@@ -33,6 +39,9 @@ struct Route {
   } kind;
   std::vector<BodyField> body;
   HttpAnswer (Api::*handle)(const HttpRequest& request, const std::string& id);
+  /// The body may have HttpLimits::body_bytes instead of small_body; it is read, and answered, on
+  /// the worker.
+  bool large = false;
 };
 
 /// Control API, version 1 [docs/control_api.md]: from requests to the service's calls.
@@ -53,6 +62,7 @@ class Api {
 
   HttpAnswer dispatch(const HttpRequest& request);
   std::optional<HttpReply> refuse(const HttpRequest& request, const Route& route) const;
+  HttpAnswer read_later(const HttpRequest& request, const Route& route, const std::string& id);
 
   HttpAnswer status(const HttpRequest&, const std::string&);
   HttpAnswer arm(const HttpRequest&, const std::string&);

@@ -121,7 +121,10 @@ Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes)
         ErrorCode::invalid_input,
         fmt::format("jog: axis {} takes exactly one number, {}", axis->name,
                     unit.name.empty() ? "by or to" : fmt::format("by_{0} or to_{0}", unit.name)));
-  return JogBody{axis->name, (*json)[given->name].get<double>() / unit.per_si, given->relative};
+  auto key = string_of(*json, "key");
+  if (!key) return tl::unexpected(with_context("jog", key.error()));
+  return JogBody{axis->name, (*json)[given->name].get<double>() / unit.per_si, given->relative,
+                 *key};
 }
 
 Result<double> lamp_body(const std::string& body) {

@@ -31,6 +31,7 @@ struct JogBody {
   std::string axis;
   double value = 0;  ///< [rad] or [m]
   bool relative = false;
+  std::string key;  ///< "" for none
 };
 /// Errors: invalid_input: an unknown axis, a unit that is not the axis'.
 Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes);

@@ -56,7 +56,8 @@ std::vector<Route> Api::rig_routes() {
         {"by_mm", "number", false, "linear axis: move by so many millimetres"},
         {"to_mm", "number", false, "linear axis: move to this position"},
         {"by", "number", false, "choice among fixed lamps: so many lamps on"},
-        {"to", "number", false, "choice among fixed lamps: this one, the first is 0"}},
+        {"to", "number", false, "choice among fixed lamps: this one, the first is 0"},
+        {"key", "string", false, "requests repeated under one key move once"}},
        &Api::jog},
       {"POST",
        "/v1/lamp",
@@ -116,7 +117,8 @@ std::vector<Route> Api::session_routes() {
         {"session_toml", "string", false, "text of a session file; paths in it absolute"},
         {"plan", "object", false, "a plan.json to follow; computed where none is given"},
         {"key", "string", false, "requests repeated under one key start one session"}},
-       &Api::start},
+       &Api::start,
+       true},
       {"GET", "/v1/sessions/{id}", "What a session's folder holds", read, {}, &Api::session},
       {"GET", "/v1/sessions/{id}/plan", "plan.json of a session", read, {}, &Api::session_plan},
       {"GET",
@@ -215,7 +217,7 @@ HttpAnswer Api::home(const HttpRequest& request, const std::string&) {
 HttpAnswer Api::jog(const HttpRequest& request, const std::string&) {
   const auto jog = jog_body(request.body, service_.rig().gantry.model.axes);
   if (!jog) return error_reply(jog.error());
-  return accepted(service_.jog(caller_of(request), jog->axis, jog->value, jog->relative));
+  return accepted(service_.jog(caller_of(request), jog->axis, jog->value, jog->relative, jog->key));
 }
 
 HttpAnswer Api::lamp(const HttpRequest& request, const std::string&) {
@@ -258,8 +260,11 @@ HttpAnswer Api::rig(const HttpRequest&, const std::string&) {
 
 HttpAnswer Api::abort(const HttpRequest& request, const std::string&) {
   const Caller caller = caller_of(request);
-  // Whatever the body holds, the stop comes first: a reason that cannot be read is no reason less.
-  const std::string reason = text_member(request.body, "reason").value_or("");
+  // Whatever the body holds, the stop comes first: no more of it is read than takes no time, and a
+  // reason that cannot be read is no reason less.
+  const std::string reason = request.body.size() > abort_body
+                                 ? std::string()
+                                 : text_member(request.body, "reason").value_or("");
   service_.abort(caller, "aborted by " + caller.name + (reason.empty() ? "" : ": " + reason));
   return json_reply(200, {{"ok", true}, {"state", name_of(service_.snapshot().state)}});
 }
@@ -337,7 +342,8 @@ HttpAnswer Api::log_level(const HttpRequest& request, const std::string&) {
     return error_reply(422, "invalid_input",
                        "\"level\" must be \"debug\", \"info\", \"warning\" or \"error\"");
   log_.set_level(*level);
-  log_.info("log_level", {{"level", *name}, {"by", caller_of(request).name}});
+  log_.info("log_level",
+            {{"level", *name}, {"by", caller_of(request).name}, {"peer", request.peer}});
   return json_reply(200, {{"ok", true}});
 }
 

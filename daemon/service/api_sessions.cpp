@@ -103,21 +103,19 @@ HttpAnswer Api::start(const HttpRequest& request, const std::string&) {
   // Diagnostics quote the file: over the network nobody may have any file of the machine quoted.
   if (request.over_tcp && !body->session_path.empty())
     return error_reply(403, "refused", "session_path is for the Unix socket; send session_toml");
-  return HttpLater{[this, caller = caller_of(request), body = std::move(*body)]() -> HttpReply {
-    auto spec = spec_of(service_.rig(), body);
-    if (!spec) return error_reply(spec.error());
-    StartRequest start{std::move(*spec), {}, body.key};
-    if (!body.plan.empty()) {
-      auto plan = plan_from_json(body.plan, "the plan");
-      if (!plan) return error_reply(plan.error());
-      start.plan = std::move(*plan);
-    }
-    const auto id = service_.start(caller, std::move(start));
-    if (!id) return error_reply(id.error());
-    HttpReply reply = json_reply(201, {{"id", *id}, {"state", "planning"}});
-    reply.headers.emplace_back("Location", "/v1/sessions/" + *id);
-    return reply;
-  }};
+  auto spec = spec_of(service_.rig(), *body);
+  if (!spec) return error_reply(spec.error());
+  StartRequest start{std::move(*spec), {}, body->key};
+  if (!body->plan.empty()) {
+    auto plan = plan_from_json(body->plan, "the plan");
+    if (!plan) return error_reply(plan.error());
+    start.plan = std::move(*plan);
+  }
+  const auto id = service_.start(caller_of(request), std::move(start));
+  if (!id) return error_reply(id.error());
+  HttpReply reply = json_reply(201, {{"id", *id}, {"state", "planning"}});
+  reply.headers.emplace_back("Location", "/v1/sessions/" + *id);
+  return reply;
 }
 
 HttpAnswer Api::list_sessions(const HttpRequest&, const std::string&) {
@@ -174,7 +172,8 @@ HttpAnswer Api::retake(const HttpRequest& request, const std::string& id) {
     const auto folder = session_folder_of(service_.rig().session_root, id);
     if (!folder) return error_reply(folder.error());
     if (auto done = retake_shot({*folder}, shot); !done) return error_reply(done.error());
-    log_.info("retake", {{"session", id}, {"shot", shot}, {"by", caller.name}});
+    log_.info("retake",
+              {{"session", id}, {"shot", shot}, {"by", caller.name}, {"peer", caller.peer}});
     return json_reply(200, {{"ok", true}});
   }};
 }

@@ -96,6 +96,9 @@ Result<std::unique_ptr<Host>> Host::start(HostSettings settings, Log& log) {
     auto held = hold_rig(settings.service.rig.path);
     if (!held) return tl::unexpected(held.error());
     host->rig_lock_ = std::move(*held);
+    auto claims = DeviceClaims::take(settings.service.rig);
+    if (!claims) return tl::unexpected(claims.error());
+    host->claims_ = std::move(*claims);
   }
   host->service_ = std::make_unique<Service>(settings.service, log, host->hub_, host->liveness_);
   if (auto open = host->open_sockets(settings); !open) return tl::unexpected(open.error());
@@ -147,10 +150,7 @@ Result<void> Host::prepare_tcp(const HostSettings& settings, int fd) {
   if (!token) return tl::unexpected(token.error());
   guard_.token = *token;
   tcp_port_ = bound_port(fd);
-  for (const char* name : {"localhost", "127.0.0.1", "[::1]"})
-    guard_.hosts.push_back(fmt::format("{}:{}", name, tcp_port_));
-  if (settings.listen && !settings.listen->loopback)
-    guard_.hosts.push_back(fmt::format("{}:{}", settings.listen->host, tcp_port_));
+  for (std::string& host : hosts_of(fd, settings.hosts)) guard_.hosts.push_back(std::move(host));
   return {};
 }
 

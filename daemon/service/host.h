@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "daemon/service/api.h"
+#include "daemon/service/device_claims.h"
 #include "daemon/service/http.h"
 #include "daemon/service/service.h"
 
@@ -16,6 +17,7 @@ struct HostSettings {
   ServiceSettings service;
   std::filesystem::path socket;      ///< Unix socket to make; unused where systemd hands one in
   std::optional<TcpAddress> listen;  ///< also serve TCP here
+  std::vector<std::string> hosts;    ///< further names under which TCP clients may ask for us
   std::filesystem::path token_file;  ///< demanded with TCP; made where it does not exist
   HttpLimits limits;
   bool use_activated_sockets = true;
@@ -50,7 +52,8 @@ class Host {
   Liveness liveness_;
   EventHub hub_;
   std::optional<LockFile> root_lock_;
-  FileDescriptor rig_lock_;  ///< the rig file itself, where its devices are real
+  FileDescriptor rig_lock_;  ///< the rig file itself, where its devices are real …
+  DeviceClaims claims_;      ///< … and these, which another file may name too
   std::unique_ptr<Service> service_;
   std::optional<UnixListener> unix_listener_;
   ApiGuard guard_;

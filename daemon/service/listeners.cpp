@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <grp.h>
+#include <ifaddrs.h>
 #include <netdb.h>
 #include <sys/file.h>
 #include <sys/socket.h>
@@ -186,6 +187,70 @@ int bound_port(int fd) {
   if (getsockname(fd, static_cast<sockaddr*>(raw), &size) != 0) return 0;
   if (address.ss_family == AF_INET6) return ntohs(static_cast<sockaddr_in6*>(raw)->sin6_port);
   return address.ss_family == AF_INET ? ntohs(static_cast<sockaddr_in*>(raw)->sin_port) : 0;
+}
+
+namespace {
+
+// As it stands in a URL; "" for what is neither, and for a wildcard.
+std::string url_host(const sockaddr& address) {
+  std::array<char, INET6_ADDRSTRLEN> text{};
+  const void* raw = &address;
+  if (address.sa_family == AF_INET) {
+    const auto& ip = static_cast<const sockaddr_in*>(raw)->sin_addr;
+    if (ip.s_addr == htonl(INADDR_ANY) || !inet_ntop(AF_INET, &ip, text.data(), text.size()))
+      return {};
+    return text.data();
+  }
+  if (address.sa_family != AF_INET6) return {};
+  const auto& ip = static_cast<const sockaddr_in6*>(raw)->sin6_addr;
+  if (IN6_IS_ADDR_UNSPECIFIED(&ip) || !inet_ntop(AF_INET6, &ip, text.data(), text.size()))
+    return {};
+  return fmt::format("[{}]", text.data());
+}
+
+// Every address of this machine that a wildcard of this family answers at, and its names.
+std::vector<std::string> own_hosts(int family) {
+  std::vector<std::string> hosts;
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) == 0) {
+    const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, &freeifaddrs);
+    for (const ifaddrs* one = list; one != nullptr; one = one->ifa_next)
+      if (one->ifa_addr != nullptr && (family == AF_INET6 || one->ifa_addr->sa_family == family))
+        hosts.push_back(url_host(*one->ifa_addr));
+  }
+  std::array<char, 256> name{};
+  if (gethostname(name.data(), name.size() - 1) == 0) {
+    const std::string full = name.data();
+    hosts.push_back(full);
+    hosts.push_back(full.substr(0, full.find('.')));
+  }
+  return hosts;
+}
+
+}  // namespace
+
+std::vector<std::string> hosts_of(int fd, const std::vector<std::string>& names) {
+  sockaddr_storage address{};
+  socklen_t size = sizeof address;
+  void* raw = &address;
+  std::vector<std::string> hosts{"localhost", "127.0.0.1", "[::1]"};
+  if (getsockname(fd, static_cast<sockaddr*>(raw), &size) == 0) {
+    hosts.push_back(url_host(*static_cast<sockaddr*>(raw)));
+    if (hosts.back().empty())
+      for (std::string& own : own_hosts(address.ss_family)) hosts.push_back(std::move(own));
+  }
+  hosts.insert(hosts.end(), names.begin(), names.end());
+  const int port = bound_port(fd);
+  std::vector<std::string> values;
+  for (std::string& host : hosts) {
+    if (host.empty()) continue;
+    for (char& c : host)
+      if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+    if (host.front() != '[' && host.find(':') != std::string::npos) host = "[" + host + "]";
+    values.push_back(fmt::format("{}:{}", host, port));
+    if (port == 80) values.push_back(host);
+  }
+  return values;
 }
 
 ActivatedSockets activated_sockets() {

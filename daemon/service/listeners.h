@@ -58,6 +58,11 @@ Result<FileDescriptor> listen_tcp(const TcpAddress& address);
 /// The port a TCP socket is really bound to (port 0 asks for any).
 int bound_port(int fd);
 
+/// The Host values, lower case, under which a listening TCP socket is asked for: loopback's, its
+/// own address (bound to a wildcard: every address and the name of this machine), and `names`, each
+/// with the port, and without it where that is 80.
+std::vector<std::string> hosts_of(int fd, const std::vector<std::string>& names);
+
 /// Sockets that systemd's socket activation handed in (LISTEN_FDS), told apart by family.
 struct ActivatedSockets {
   std::vector<FileDescriptor> unix_sockets, tcp_sockets;

@@ -11,6 +11,7 @@
 #include <ctime>
 #include <limits>
 #include <string>
+#include <vector>
 
 #include "config/read_rig.h"
 #include "daemon/service/host.h"
@@ -23,6 +24,7 @@ using namespace lightrig;
 struct Options {
   std::string rig, socket = "/run/lightrig/control.sock", session_root, clock_rate, listen,
                    token_file, log_level = "info";
+  std::vector<std::string> hosts;
   bool simulate = false, auto_arm = false, allow_remote = false, make_safe = false;
 };
 
@@ -106,6 +108,7 @@ Result<HostSettings> settings_of(const Options& options) {
   }
   settings.socket = std::filesystem::absolute(options.socket);
   settings.token_file = options.token_file;
+  settings.hosts = options.hosts;
   if (!options.listen.empty()) {
     auto address = parse_tcp_address(options.listen);
     if (!address) return tl::unexpected(address.error());
@@ -179,6 +182,9 @@ int main(int argc, char** argv) {
                  "Also serve API and panel on TCP, e.g. 127.0.0.1:8080");
   app.add_option("--token-file", options.token_file,
                  "Token demanded over TCP; made, mode 0600, where there is none");
+  app.add_option("--host", options.hosts,
+                 "With --listen: a further name or address that clients know this machine by, "
+                 "without a port; may be repeated");
   app.add_flag("--allow-remote", options.allow_remote,
                "Let --listen take an address that other machines can reach");
   app.add_option("--log-level", options.log_level, "debug, info, warning or error")

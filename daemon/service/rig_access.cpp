@@ -7,8 +7,8 @@
 #include <condition_variable>
 #include <mutex>
 
-#include "core/gantry_model.h"
-#include "daemon/session/lay_candidates.h"
+#include "config/load_object.h"
+#include "daemon/session/guarded_move.h"
 #include "sim/memory_devices.h"
 #include "sim/open_devices.h"
 #include "sim/sim_clock.h"
@@ -20,22 +20,6 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr std::chrono::seconds answer_time{5};  ///< for a question that moves nothing
-
-std::string joined(const std::vector<std::string>& names) {
-  std::string text;
-  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
-  return text;
-}
-
-// What forbids motion now, in words; empty when nothing does.
-std::string obstacle(const GantryStatus& status) {
-  if (!status.alarm.empty())
-    return fmt::format("the gantry reports an alarm ({}); mend its cause, then clear it",
-                       status.alarm);
-  if (!status.open_interlocks.empty())
-    return fmt::format("open: {}; close it first", joined(status.open_interlocks));
-  return {};
-}
 
 /// Devices being opened on a thread of their own, and whoever waits for them.
 class Opening {
@@ -83,6 +67,7 @@ Until RigAccess::within(std::chrono::nanoseconds time, const std::stop_token& st
 
 Result<RigFacts> RigAccess::open(const ObjectConfig& object, const std::stop_token& stop) {
   devices_.reset();
+  set_object(object);
   if (simulate_) {
     auto world =
         sim::make_world(rig_, object, *clock_, rig_.simulation ? rig_.simulation->seed : 1);
@@ -234,35 +219,35 @@ Result<Frame> RigAccess::expose(double seconds, const std::stop_token& stop) {
   return frame;
 }
 
-Result<void> RigAccess::forbidden(const GantryStatus& now, const GantryPosition& target) const {
-  if (!now.homed)
-    return fail(ErrorCode::refused, "it is not homed, so its position is unknown; home it first");
-  if (const std::string why = obstacle(now); !why.empty()) return fail(ErrorCode::refused, why);
-  if (const std::string volume = obstacle_on_the_way(rig_, now.position, target); !volume.empty())
-    return fail(ErrorCode::refused,
-                fmt::format("the way leads through {}; nothing was moved", volume));
+// What stands in the way beside the rig's own volumes: loaded once somebody wants to move.
+Result<void> RigAccess::know_obstacles() {
+  if (obstacles_) return {};
+  std::optional<LoadedObject> object;
+  if (rig_.gantry.solid) {
+    auto loaded = load_object(object_);
+    if (!loaded)
+      return tl::unexpected(with_context("know where the object stands", loaded.error()));
+    object = std::move(*loaded);
+  }
+  obstacles_ = obstacles_of(rig_, object ? &object->mesh : nullptr);
   return {};
 }
 
 Result<void> RigAccess::move_to(const GantryPosition& target, const std::stop_token& stop) {
-  const GantryModel& model = rig_.gantry.model;
-  if (!within_limits(model, target))
-    return fail(ErrorCode::refused,
-                "move the gantry: the target is outside the travel that the "
-                "rig file allows; nothing was moved");
   if (auto open = all_open(); !open)
     return tl::unexpected(with_context("move the gantry", open.error()));
-  auto status = devices_->gantry->status(within(answer_time, stop));
+  if (auto known = know_obstacles(); !known)
+    return tl::unexpected(with_context("move the gantry", known.error()));
+  const auto status = devices_->gantry->status(within(answer_time, stop));
   if (!status) return tl::unexpected(with_context("move the gantry", status.error()));
-  if (auto way = forbidden(*status, target); !way)
-    return tl::unexpected(with_context("move the gantry", way.error()));
-  const double seconds = move_time(model, status->position, target) * rig_.gantry.move_time_factor;
-  const auto time =
-      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double>(seconds)) +
-      rig_.gantry.move_time_margin;
-  auto moved = devices_->gantry->move_to(target, within(time, stop));
+  auto moved = guarded_move(rig_, *obstacles_, *devices_->gantry, *status, target, *clock_, stop);
   if (!moved) return tl::unexpected(with_context("move the gantry", moved.error()));
   return {};
+}
+
+void RigAccess::set_object(const ObjectConfig& object) {
+  object_ = object;
+  obstacles_.reset();
 }
 
 }  // namespace lightrig

@@ -9,6 +9,7 @@
 
 #include "config/rig.h"
 #include "core/result.h"
+#include "daemon/session/lay_candidates.h"
 #include "daemon/session/session.h"
 #include "drivers/devices.h"
 
@@ -47,10 +48,11 @@ class RigAccess {
   Result<RigFacts> facts(const std::stop_token& stop);
   Result<void> home(const std::stop_token& stop);
   Result<void> clear_fault(const std::stop_token& stop);
+  /// What a session has put before the camera, for whoever moves the gantry after it.
+  void set_object(const ObjectConfig& object);
 
-  /// Moves to axis values after asking everything that forbids it: travel, keep-out volumes at the
-  /// target and along the way, homing, alarm, interlocks. Errors: refused with the reason; those of
-  /// the gantry.
+  /// Moves straight to axis values where nothing forbids it (guarded_move): the object in the way
+  /// is that of open() or set_object(). Errors: refused with the reason; those of the gantry.
   Result<void> move_to(const GantryPosition& target, const std::stop_token& stop);
 
   /// Sets the lamp [0, 1] and reads it back. Its lease runs: it goes dark by itself after
@@ -77,7 +79,7 @@ class RigAccess {
 
  private:
   Result<void> all_open() const;  ///< error disconnected where a device is missing
-  Result<void> forbidden(const GantryStatus& now, const GantryPosition& target) const;
+  Result<void> know_obstacles();
   Result<Devices> open_now(Reopen what);
   Until within(std::chrono::nanoseconds time, const std::stop_token& stop) const;
 
@@ -86,6 +88,8 @@ class RigAccess {
   std::unique_ptr<Clock> clock_;
   std::shared_ptr<sim::World> world_;  ///< of a simulated rig; its devices share it
   std::optional<Devices> devices_;
+  ObjectConfig object_;
+  std::optional<Obstacles> obstacles_;  ///< with that object; empty until asked for
   bool lamp_left_dark_ = false;
   std::optional<TimePoint> lamp_until_;  ///< while set_lamp() has it lit
   std::jthread opening_;  ///< last: it uses the clock; the one before it is its own to wait for

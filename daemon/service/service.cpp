@@ -60,8 +60,7 @@ void Service::shut_down() {
     const std::lock_guard lock(mutex_);
     stopping_ = true;
     slot_.reset();
-    if (active_ != nullptr)
-      active_->halt("the service was stopped; lightrig resume goes on with it");
+    if (active_ != nullptr) active_->halt("the service was stopped");
   }
   changed_.notify_all();
   if (thread_.joinable()) thread_.join();
@@ -89,7 +88,7 @@ Result<std::uint64_t> Service::submit(const std::string& name, const Caller& cal
       session_in_hand_ = true;
     }
     if (now) set_state(*after, "");
-    slot_ = Command{id, name, std::move(work)};
+    slot_ = Command{id, name, std::move(work), std::make_unique<SessionControl>()};
     commands_.push_back({id, name, "running", ""});
     if (commands_.size() > records_kept) commands_.pop_front();
   }
@@ -113,17 +112,18 @@ void Service::drop_waiting(const std::string& why) {
   slot_.reset();
 }
 
-void Service::set_state(State state, const std::string& reason) {
+void Service::set_state(State state, const std::string& reason, const SessionWords& words) {
   if (state != state_) state_since_ = SteadyClock::now();
   state_ = state;
   state_reason_ = reason;
   if (session_in_hand_) {
-    session_->state = std::string(name_of(state));
+    session_->state = words.state.empty() ? std::string(name_of(state)) : words.state;
     session_->reason = reason;
+    session_->paused_by = state == State::paused ? words.paused_by : "";
   }
 }
 
-bool Service::apply(Event event, const std::string& reason) {
+bool Service::apply(Event event, const std::string& reason, const SessionWords& words) {
   State before{}, after{};
   {
     const std::lock_guard lock(mutex_);
@@ -135,7 +135,7 @@ bool Service::apply(Event event, const std::string& reason) {
       ++faults_;
       drop_waiting("not begun: " + reason);
     }
-    set_state(after, reason);
+    set_state(after, reason, words);
     session_in_hand_ = session_in_hand_ && (active_ != nullptr || slot_.has_value());
   }
   if (event == Event::fault)
@@ -201,9 +201,6 @@ Result<std::uint64_t> Service::clear(const Caller& caller) {
   const State state = snapshot().state;
   if (state == State::unarmed || state == State::armed)
     return done_already("clear", "nothing stands in the way");
-  if (state == State::planning || state == State::reducing)
-    return fail(ErrorCode::refused,
-                fmt::format("cannot clear while {}; {}", name_of(state), remedy(state)));
   return submit("clear", caller, Event::clear, true,
                 [](SessionControl&) -> Result<std::string> { return "cleared"; });
 }
@@ -214,12 +211,20 @@ Result<std::uint64_t> Service::home(const Caller& caller) {
 }
 
 Result<std::uint64_t> Service::jog(const Caller& caller, const std::string& axis, double value,
-                                   bool relative) {
+                                   bool relative, const std::string& key) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!key.empty() && key == last_jog_.key) return last_jog_.id;
+  }
   // Jogging is legal exactly where homing is; the state does not change by it.
-  return submit("jog", caller, Event::home, false,
-                [this, axis, value, relative](SessionControl& control) {
-                  return do_jog(control, axis, value, relative);
-                });
+  auto accepted = submit("jog", caller, Event::home, false,
+                         [this, axis, value, relative](SessionControl& control) {
+                           return do_jog(control, axis, value, relative);
+                         });
+  if (!accepted) return accepted;
+  const std::lock_guard lock(mutex_);
+  last_jog_ = {key, *accepted};
+  return accepted;
 }
 
 Result<std::uint64_t> Service::lamp(const Caller& caller, double power) {
@@ -257,6 +262,40 @@ Result<std::string> Service::start(const Caller& caller, StartRequest request) {
   return id;
 }
 
+// The session outlives its command; what runs after it is none of its business.
+SessionControl* Service::control_of(const std::string& id) const {
+  if (!session_in_hand_ || session_->id != id) return nullptr;
+  return active_ != nullptr ? active_ : slot_ ? slot_->control.get() : nullptr;
+}
+
+Result<void> Service::steer_in_hand(SessionControl& control, const std::string& by,
+                                    SessionVerb verb) {
+  if (state_ == State::reducing && (verb == SessionVerb::pause || verb == SessionVerb::halt))
+    return fail(
+        ErrorCode::refused,
+        fmt::format("cannot {}: everything is captured and nothing moves, its frames become "
+                    "a result; {}",
+                    name_of(verb), remedy(state_)));
+  switch (verb) {
+    case SessionVerb::pause:
+      session_->pause_requested = true;
+      control.pause("paused by " + by);
+      break;
+    case SessionVerb::resume:
+      session_->pause_requested = false;
+      control.resume();
+      break;
+    case SessionVerb::halt:
+      control.halt("halted by " + by);
+      break;
+    default:
+      session_->stop_requested = true;
+      control.stop_after_shot();
+      control.resume();  // a paused session ends too: its shot is done
+  }
+  return {};
+}
+
 Result<void> Service::steer(const Caller& caller, const std::string& id, SessionVerb verb) {
   log_.info("command", {{"command", std::string(name_of(verb))},
                         {"session", id},
@@ -268,27 +307,7 @@ Result<void> Service::steer(const Caller& caller, const std::string& id, Session
   }
   {
     const std::lock_guard lock(mutex_);
-    const bool in_hand = session_ && session_->id == id && active_ != nullptr;
-    if (in_hand && verb == SessionVerb::pause) {
-      session_->pause_requested = true;
-      active_->pause("paused by " + caller.name);
-      return {};
-    }
-    if (in_hand && verb == SessionVerb::resume) {
-      session_->pause_requested = false;
-      active_->resume();
-      return {};
-    }
-    if (in_hand && verb == SessionVerb::halt) {
-      active_->halt("halted by " + caller.name + "; lightrig resume goes on with it");
-      return {};
-    }
-    if (in_hand) {
-      session_->stop_requested = true;
-      active_->stop_after_shot();
-      active_->resume();  // a paused session ends too: its shot is done
-      return {};
-    }
+    if (SessionControl* control = control_of(id)) return steer_in_hand(*control, caller.name, verb);
   }
   if (verb != SessionVerb::resume)
     return fail(ErrorCode::refused,

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -53,8 +54,9 @@ struct CurveEntry {
 struct SessionView {
   std::string id;
   std::filesystem::path folder;
-  std::string state;   ///< "planning", "capturing", "paused", "reducing", "done", "aborted", …
-  std::string reason;  ///< why it is paused, aborted or faulted; one sentence
+  std::string state;      ///< "planning", "capturing", "paused", "reducing", "done", "aborted", …
+  std::string reason;     ///< why it is paused, aborted or faulted; one sentence
+  std::string paused_by;  ///< "person", "condition" or "no_space" while it is paused, else ""
   SessionProgress progress;
   bool pause_requested = false, stop_requested = false;
   std::vector<CurveEntry> curve;
@@ -112,9 +114,10 @@ class Service {
   Result<std::uint64_t> disarm(const Caller& caller);
   Result<std::uint64_t> clear(const Caller& caller);
   Result<std::uint64_t> home(const Caller& caller);
-  /// Moves one axis by, or to, a value [rad or m].
+  /// Moves one axis by, or to, a value [rad or m]. Requests repeated under one key move once; "" is
+  /// no key.
   Result<std::uint64_t> jog(const Caller& caller, const std::string& axis, double value,
-                            bool relative);
+                            bool relative, const std::string& key = "");
 
   /// Sets the lamp of an armed rig [0, 1]; its lease makes it dark again, and so does whatever ends
   /// the arming.
@@ -157,22 +160,32 @@ class Service {
     std::uint64_t id;
     std::string name;
     Work work;
+    std::unique_ptr<SessionControl> control;
+  };
+  /// What a session's view says where it is not the state's own name.
+  struct SessionWords {
+    std::string state, paused_by;
   };
 
   // service.cpp: the slot and the state, for any thread
   Result<std::uint64_t> submit(const std::string& name, const Caller& caller, Event event, bool now,
                                Work work, std::optional<SessionView> session = {});
   Result<std::uint64_t> done_already(const std::string& name, const std::string& message);
-  bool apply(Event event, const std::string& reason = "");
+  bool apply(Event event, const std::string& reason = "", const SessionWords& words = {});
   bool apply_unless_stopped(Event event, const SessionControl& control);
-  void set_state(State state, const std::string& reason);  ///< under mutex_
+  void set_state(State state, const std::string& reason,
+                 const SessionWords& words = {});           ///< under mutex_
+  SessionControl* control_of(const std::string& id) const;  ///< under mutex_; null: not in hand
+  Result<void> steer_in_hand(SessionControl& control, const std::string& by,
+                             SessionVerb verb);  ///< under mutex_
   void record_end(std::uint64_t id, const Result<std::string>& end);
   void tell_state();
   std::vector<std::string> obstacles() const;  ///< under mutex_
 
   // session_thread.cpp: the session thread's own
   void run();
-  void execute(Command command, SessionControl& control);
+  void execute(const Command& command);
+  Result<std::string> not_begun(const SessionControl& control, const std::string& what);
   void drop_waiting(const std::string& why);  ///< under mutex_: the command that was not begun
   void settle_devices();
   void idle_check();
@@ -189,13 +202,17 @@ class Service {
   Result<std::string> do_session(SessionControl& control, const std::string& id,
                                  StartRequest request);
   Result<std::string> do_resume(SessionControl& control, const std::filesystem::path& folder);
-  Result<std::string> finish_resumed(const SessionRecord& record);
+  Result<std::string> finish_resumed(SessionControl& control, const SessionRecord& record);
   Result<void> add_truth(SessionSpec& spec);
   Result<std::string> run_session(SessionControl& control, const SessionFolder& folder,
                                   const SessionSpec& spec, Prepared& prepared);
   Result<std::string> finish_session(SessionControl& control, const SessionFolder& folder,
                                      const SessionEnd& end);
-  Result<std::string> reduce(const SessionFolder& folder);
+  Result<std::string> reduce(SessionControl& control, const SessionFolder& folder);
+  Result<void> while_there_is_space(SessionControl& control, const std::filesystem::path& folder,
+                                    Event goes_on, const std::function<Result<void>()>& step);
+  Result<void> wait_for_space(SessionControl& control, const std::filesystem::path& folder,
+                              std::chrono::seconds longest);
   Result<std::string> refuse_session(const Error& error);
   void on_event(const JournalEvent& event);
   void on_progress(const SessionProgress& progress);
@@ -228,6 +245,10 @@ class Service {
   struct {
     std::string key, id;
   } last_start_;  ///< the idempotency key of the last accepted start, and the session it began
+  struct {
+    std::string key;
+    std::uint64_t id = 0;
+  } last_jog_;  ///< the same of the last accepted jog, and its command
   std::string disk_trouble_;
   std::uintmax_t disk_free_bytes_ = 0;
   std::uint64_t frames_ = 0, sessions_done_ = 0, aborts_ = 0, faults_ = 0;

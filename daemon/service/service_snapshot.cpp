@@ -32,7 +32,7 @@ Result<void> Service::lock(const Caller& caller, const std::string& note) {
     const std::lock_guard lock(mutex_);
     lock_ = RigLock{caller.name, note};
   }
-  log_.info("locked", {{"by", caller.name}, {"note", note}});
+  log_.info("locked", {{"by", caller.name}, {"peer", caller.peer}, {"note", note}});
   tell_state();
   return {};
 }
@@ -44,7 +44,8 @@ Result<void> Service::unlock(const Caller& caller, bool force) {
     const std::lock_guard lock(mutex_);
     lock_.reset();
   }
-  log_.info("unlocked", {{"by", caller.name}, {"force", force ? "true" : "false"}});
+  log_.info("unlocked",
+            {{"by", caller.name}, {"peer", caller.peer}, {"force", force ? "true" : "false"}});
   tell_state();
   return {};
 }

@@ -21,7 +21,9 @@ using namespace std::chrono_literals;
 
 constexpr auto computing_promise = 60min;  ///< the longest plan or reduction we wait for
 constexpr auto step_promise = 120s;        ///< storing a frame, asking a device, retries
-constexpr int truth_phi = 180;             ///< φd values the truth is averaged over: MERL's own
+constexpr std::chrono::seconds longest_space_wait = 10min;  ///< between tries on a full disk
+constexpr std::uintmax_t freed_bytes = 1 << 20;             ///< more than before: worth a try
+constexpr int truth_phi = 180;  ///< φd values the truth is averaged over: MERL's own
 
 }  // namespace
 
@@ -61,10 +63,8 @@ Result<void> Service::add_truth(SessionSpec& spec) {
 // A session that cannot be begun leaves the rig as it was: armed, nothing moved. One that waits and
 // cannot go on waits on.
 Result<std::string> Service::refuse_session(const Error& error) {
-  if (!apply(Event::clear)) apply(Event::pause, error.message);
-  const std::lock_guard lock(mutex_);
-  session_->state = "refused";
-  session_->reason = error.message;
+  if (!apply(Event::refused, error.message, {"refused", ""}))
+    apply(Event::pause, error.message, {"refused", "condition"});
   return tl::unexpected(error);
 }
 
@@ -83,8 +83,7 @@ Result<std::string> Service::do_session(SessionControl& control, const std::stri
   }
   for (const std::string& remark : prepared->remarks)
     log_.debug("remark", {{"session", id}, {"text", remark}});
-  if (control.stop_token().stop_requested())
-    return fail(ErrorCode::stopped, "aborted while planning; nothing had moved");
+  if (control.stop_token().stop_requested()) return not_begun(control, "plan session " + id);
   // Here it is known what opening the rig opens; a plan made elsewhere could only tell by the file.
   prepared->plan.left_out.drivers_not_opened = drivers_not_opened(rig, settings_.simulate);
   auto folder = create_session(rig, request.spec, *prepared, id);
@@ -106,7 +105,7 @@ Result<std::string> Service::do_resume(SessionControl& control, const std::files
                            fmt::format("resume: session {} was captured with another rig file than "
                                        "{}; start the service with the session's own rig.toml",
                                        root.filename().string(), settings_.rig.path.string())});
-  if (record->state == "done") return finish_resumed(*record);
+  if (record->state == "done") return finish_resumed(control, *record);
   auto prepared = prepare_with_plan(settings_.rig, record->spec, record->plan);
   if (!prepared) return refuse_session(with_context("resume", prepared.error()));
   log_.info("resuming", {{"session", root.filename().string()},
@@ -116,7 +115,7 @@ Result<std::string> Service::do_resume(SessionControl& control, const std::files
 }
 
 // A session whose capture has ended: what a kill took from its result or its seal is made up for.
-Result<std::string> Service::finish_resumed(const SessionRecord& record) {
+Result<std::string> Service::finish_resumed(SessionControl& control, const SessionRecord& record) {
   {
     const std::lock_guard lock(mutex_);
     session_->folder = record.folder.root;
@@ -125,9 +124,9 @@ Result<std::string> Service::finish_resumed(const SessionRecord& record) {
   }
   log_.info("resuming", {{"session", record.folder.root.filename().string()},
                          {"at", "its reduction: everything is captured"}});
-  if (!apply(Event::captured))
-    return fail(ErrorCode::stopped, "resume: aborted before the reduction began");
-  return reduce(record.folder);
+  if (control.stop_token().stop_requested() || !apply(Event::captured))
+    return not_begun(control, "resume");
+  return reduce(control, record.folder);
 }
 
 Result<std::string> Service::run_session(SessionControl& control, const SessionFolder& folder,
@@ -142,28 +141,40 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
   const bool may_begin = snapshot().state == State::capturing
                              ? !control.stop_token().stop_requested()
                              : apply_unless_stopped(Event::planned, control);
-  if (!may_begin)
-    return fail(ErrorCode::stopped, "stopped before the capture began; nothing had moved");
+  if (!may_begin) return not_begun(control, "begin the capture");
   // A simulated camera looks at the session's own object; real devices are open since arming.
   if (access_.simulated() || !access_.is_open()) {
     auto opened = access_.open(spec.object, control.stop_token());
     if (!opened) {
+      if (control.stop_token().stop_requested()) return not_begun(control, "open the rig");
       apply(Event::fault, opened.error().message);
       return tl::unexpected(opened.error());
     }
     remember(*opened);
   }
+  access_.set_object(spec.object);
   liveness_.promise(longest_step());
   const SessionListeners listeners{
       [this](const JournalEvent& event) { on_event(event); },
       [this](const SessionProgress& progress) { on_progress(progress); },
       [this](const Frame& frame, const std::string& shot) { on_frame(frame, shot); },
       [this](const std::string&, std::uint64_t take) { access_.set_take(take); }};
-  const SessionEnd end = capture(
-      folder, settings_.rig, spec, prepared, access_.devices(), access_.clock(), control, listeners,
-      [this](Reopen what, std::unique_ptr<Camera> old, const std::stop_token& stop) {
-        return access_.reopen(what, std::move(old), stop);
+  SessionEnd end;
+  // From its first line on capture() waits for space itself.
+  const auto begun =
+      while_there_is_space(control, folder.root, Event::resume, [&]() -> Result<void> {
+        liveness_.promise(longest_step());
+        end =
+            capture(folder, settings_.rig, spec, prepared, access_.devices(), access_.clock(),
+                    control, listeners,
+                    [this](Reopen what, std::unique_ptr<Camera> old, const std::stop_token& stop) {
+                      return access_.reopen(what, std::move(old), stop);
+                    });
+        if (end.waits_for_space && !end.lamp_may_be_on)
+          return fail(ErrorCode::no_space, end.reason);
+        return {};
       });
+  if (!begun) return not_begun(control, "begin the capture");
   access_.remember_lamp(!end.lamp_may_be_on);
   return finish_session(control, folder, end);
 }
@@ -179,7 +190,10 @@ Result<std::string> Service::finish_session(SessionControl& control, const Sessi
     case SessionOutcome::stopped_early:
       break;
     case SessionOutcome::paused:
-      apply(Event::pause, end.reason);
+      if (control.halted())
+        apply(Event::halted, end.reason, {"", "person"});
+      else
+        apply(Event::pause, end.reason, {"", "condition"});
       return end.reason;
     case SessionOutcome::aborted:
       apply(Event::abort, control.reason().empty() ? end.reason : control.reason());
@@ -190,24 +204,71 @@ Result<std::string> Service::finish_session(SessionControl& control, const Sessi
   }
   if (auto facts = access_.facts(control.stop_token())) remember(*facts);
   apply(Event::captured, end.reason);
-  return reduce(folder);
+  return reduce(control, folder);
 }
 
-Result<std::string> Service::reduce(const SessionFolder& folder) {
-  liveness_.promise(computing_promise);
-  const auto summary = reduce_session(folder.root, folder.root, settings_.threads);
-  if (!summary) {
-    apply(Event::clear, summary.error().message);
-    const std::lock_guard lock(mutex_);
-    session_->state = "captured";
-    session_->reason =
-        fmt::format("no result: {}; the frames are stored, lightrig resume {} reduces and seals it",
-                    summary.error().message, session_->id);
-    return tl::unexpected(with_context("reduce the session", summary.error()));
+// A step to the disk, done again each time that its disk has space again.
+Result<void> Service::while_there_is_space(SessionControl& control,
+                                           const std::filesystem::path& folder, Event goes_on,
+                                           const std::function<Result<void>()>& step) {
+  for (std::chrono::seconds longest = 2s;; longest = std::min(2 * longest, longest_space_wait)) {
+    liveness_.promise(computing_promise);
+    const auto done = step();
+    if (done || done.error().code != ErrorCode::no_space) return done;
+    const bool waits =
+        apply(Event::pause,
+              done.error().message + "; free some space there: the session then goes on by itself",
+              {"", "no_space"});
+    if (!waits) return done;  // aborted or faulted: nobody waits for it
+    if (auto waited = wait_for_space(control, folder, longest); !waited) return waited;
+    if (!apply(goes_on)) return fail(ErrorCode::stopped, control.reason());
   }
-  if (auto sealed = seal_session(folder); !sealed)
-    log_.warning("not_sealed", {{"session", folder.root.filename().string()},
-                                {"reason", sealed.error().message}});
+}
+
+// Until somebody has freed some, says so, or it is time to try again: a quota is not seen from
+// here.
+Result<void> Service::wait_for_space(SessionControl& control, const std::filesystem::path& folder,
+                                     std::chrono::seconds longest) {
+  const auto available = [&folder] {
+    std::error_code error;
+    const auto space = std::filesystem::space(folder, error);
+    return error ? 0 : space.available;
+  };
+  const std::uintmax_t then = available();
+  const auto end = SteadyClock::now() + longest;
+  control.forget_word();
+  while (SteadyClock::now() < end && available() < then + freed_bytes) {
+    liveness_.promise(step_promise);
+    const bool word = control.wait_for_word(250ms);
+    if (control.halted()) apply(Event::halted, control.reason(), {"", "person"});
+    if (control.stop_token().stop_requested()) return fail(ErrorCode::stopped, control.reason());
+    if (word) break;
+  }
+  return {};
+}
+
+Result<std::string> Service::reduce(SessionControl& control, const SessionFolder& folder) {
+  const std::string id = folder.root.filename().string();
+  Result<ReductionSummary> summary = ReductionSummary{};
+  const auto reduced =
+      while_there_is_space(control, folder.root, Event::captured, [&]() -> Result<void> {
+        summary = reduce_session(folder.root, folder.root, settings_.threads);
+        return summary ? Result<void>() : tl::unexpected(summary.error());
+      });
+  if (!reduced) {
+    const std::string reason =
+        fmt::format("no result: {}; the frames are stored, lightrig resume {} reduces and seals it",
+                    reduced.error().message, id);
+    if (!apply(Event::refused, reason, {"captured", ""})) {
+      // Aborted, halted or faulted meanwhile: that stays, and so does why.
+      const std::lock_guard lock(mutex_);
+      session_->reason += (session_->reason.empty() ? "" : "; ") + reason;
+    }
+    return tl::unexpected(with_context("reduce the session", reduced.error()));
+  }
+  const auto sealed = while_there_is_space(control, folder.root, Event::captured,
+                                           [&] { return seal_session(folder); });
+  if (!sealed) log_.warning("not_sealed", {{"session", id}, {"reason", sealed.error().message}});
   const auto percent = [](double value) { return fmt::format("{:.2f}", value); };
   const double predicted =
       summary->curve.empty() ? 0 : summary->curve.back().predicted_error_percent;
@@ -249,7 +310,7 @@ void Service::on_event(const JournalEvent& event) {
                ? event.fields[name].get<std::string>()
                : std::string();
   };
-  if (event.event == "paused") apply(Event::pause, word("reason"));
+  if (event.event == "paused") apply(Event::pause, word("reason"), {"", word("why")});
   if (event.event == "resumed") apply(Event::resume);
   log_.info(event.event, {{"session", session},
                           {"seq", std::to_string(event.sequence)},

@@ -31,10 +31,9 @@ void Service::run() {
       // From the slot to the hand under one lock: an ABORT finds the command in either.
       Command command = std::move(*slot_);
       slot_.reset();
-      SessionControl control;
-      active_ = &control;
+      active_ = command.control.get();
       lock.unlock();
-      execute(std::move(command), control);
+      execute(command);
     } else {
       lock.unlock();
       idle_check();
@@ -49,11 +48,20 @@ void Service::run() {
   lamp_unsure(!access_.close());
 }
 
-void Service::execute(Command command, SessionControl& control) {
-  const Result<std::string> end =
-      control.stop_token().stop_requested()
-          ? fail(ErrorCode::stopped, command.name + ": aborted before it began")
-          : command.work(control);
+// A command that was stopped before anything moved. An abort has set the state itself.
+Result<std::string> Service::not_begun(const SessionControl& control, const std::string& what) {
+  const std::string reason = control.reason() + "; nothing had moved";
+  // One that waited before it was resumed waits again; any other is as it was before.
+  const bool waits = snapshot().state == State::capturing;
+  if (control.halted()) apply(Event::halted, reason, {waits ? "" : "halted", "person"});
+  return fail(ErrorCode::stopped, what + ": " + reason);
+}
+
+void Service::execute(const Command& command) {
+  SessionControl& control = *command.control;
+  const Result<std::string> end = control.stop_token().stop_requested()
+                                      ? not_begun(control, command.name)
+                                      : command.work(control);
   {
     const std::lock_guard lock(mutex_);
     active_ = nullptr;
@@ -152,8 +160,10 @@ Result<std::string> Service::do_home(SessionControl& control) {
   liveness_.promise(settings_.rig.gantry.homing_timeout + short_promise);
   auto homed = access_.home(control.stop_token());
   if (!homed) {
-    // An abort has set the state already, and is not a fault.
-    if (!control.stop_token().stop_requested()) {
+    // An abort has set the state already; neither that nor a halt is a fault.
+    if (control.halted()) {
+      apply(Event::halted, control.reason());
+    } else if (!control.stop_token().stop_requested()) {
       if (homed.error().code == ErrorCode::refused)
         apply(Event::homed);  // it was not begun: still armed, and the reason is in the record
       else
@@ -162,8 +172,10 @@ Result<std::string> Service::do_home(SessionControl& control) {
     return tl::unexpected(homed.error());
   }
   if (auto facts = access_.facts(control.stop_token())) remember(*facts);
-  if (!apply_unless_stopped(Event::homed, control))
-    return fail(ErrorCode::stopped, "home the gantry: aborted");
+  if (!apply_unless_stopped(Event::homed, control)) {
+    if (control.halted()) apply(Event::halted, control.reason());
+    return fail(ErrorCode::stopped, "home the gantry: " + control.reason());
+  }
   return "the gantry is homed";
 }
 

@@ -39,24 +39,32 @@ Next from_work(Event event, Event its_end, State after) {
   return {};
 }
 
+Next from_homing(Event event) {
+  if (event == Event::halted) return State::unarmed;  // where the gantry stands is not known
+  return from_work(event, Event::homed, State::armed);
+}
+
 Next from_planning(Event event) {
-  if (event == Event::clear) return State::armed;  // the plan was refused; the rig is unharmed
+  if (event == Event::refused || event == Event::halted) return State::armed;  // nothing moved
   if (event == Event::captured) return State::reducing;  // resumed, with nothing left to capture
   return from_work(event, Event::planned, State::capturing);
 }
 
 Next from_capturing(Event event) {
-  if (event == Event::pause) return State::paused;
+  if (event == Event::pause || event == Event::halted) return State::paused;
   return from_work(event, Event::captured, State::reducing);
 }
 
 Next from_paused(Event event) {
   if (event == Event::resume) return State::capturing;
-  return from_work(event, Event::captured, State::reducing);  // stopped early while paused
+  if (event == Event::halted) return State::paused;
+  // Stopped early while paused, or the disk that a reduction waited for has space again.
+  return from_work(event, Event::captured, State::reducing);
 }
 
 Next from_reducing(Event event) {
-  if (event == Event::clear) return State::armed;  // no result, but frames are stored and rig sound
+  if (event == Event::pause) return State::paused;   // the disk is full
+  if (event == Event::refused) return State::armed;  // no result, but the frames are stored
   return from_work(event, Event::reduced, State::done);
 }
 
@@ -84,7 +92,7 @@ std::optional<State> next(State state, Event event) {
     case State::done:
       return from_ready(event, state);
     case State::homing:
-      return from_work(event, Event::homed, State::armed);
+      return from_homing(event);
     case State::planning:
       return from_planning(event);
     case State::capturing:
@@ -146,8 +154,8 @@ std::string_view name_of(State state) {
 
 std::string_view name_of(Event event) {
   constexpr std::array<std::string_view, all_events.size()> names{
-      "arm",    "disarm",   "home",    "homed", "start", "planned", "pause",
-      "resume", "captured", "reduced", "abort", "fault", "clear"};
+      "arm",      "disarm",  "home",  "homed", "start", "planned", "pause", "resume",
+      "captured", "reduced", "abort", "fault", "clear", "refused", "halted"};
   return names.at(static_cast<std::size_t>(event));
 }
 

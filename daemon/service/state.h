@@ -38,12 +38,14 @@ enum class Event : std::uint8_t {
   reduced,
   abort,
   fault,
-  clear,  ///< what stands in the way is put aside: a refused plan, a result, an abort, a fault
+  clear,    ///< a person puts aside what stands in the way: a result, an abort, a fault
+  refused,  ///< a plan was refused, or a reduction failed: the rig is sound
+  halted,   ///< a halt ended what was under way; nobody aborted, nothing failed
 };
 inline constexpr std::array all_events{Event::arm,      Event::disarm,  Event::home,  Event::homed,
                                        Event::start,    Event::planned, Event::pause, Event::resume,
                                        Event::captured, Event::reduced, Event::abort, Event::fault,
-                                       Event::clear};
+                                       Event::clear,    Event::refused, Event::halted};
 
 /// The state after an event; empty where the event is not legal in that state. The whole machine,
 /// in one function.

@@ -38,6 +38,7 @@ Json session_of(const SessionView& session) {
             {"folder", session.folder.string()},
             {"state", session.state},
             {"reason", session.reason},
+            {"paused_by", session.paused_by.empty() ? Json(nullptr) : Json(session.paused_by)},
             {"pause_requested", session.pause_requested},
             {"stop_requested", session.stop_requested}};
   json.update(progress_of(session.progress));

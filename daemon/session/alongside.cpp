@@ -9,6 +9,12 @@
 #include "daemon/session/pose_check.h"
 
 namespace lightrig {
+namespace {
+
+constexpr std::chrono::milliseconds beat{200};
+constexpr std::chrono::minutes longest_step{60};  ///< of one shot's reduction, or one answer
+
+}  // namespace
 
 Alongside::Alongside(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
                      const SessionFolder& folder)
@@ -26,6 +32,7 @@ void Alongside::start(std::vector<StoredFrame> darks, bool judge_pose) {
 void Alongside::add(CapturedShot shot) {
   {
     const std::lock_guard lock(mutex_);
+    if (queue_.empty() && !working_) last_done_ = std::chrono::steady_clock::now();
     queue_.push_back(std::move(shot));
   }
   changed_.notify_all();
@@ -36,28 +43,41 @@ std::optional<CurvePoint> Alongside::latest() const {
   return latest_;
 }
 
-std::optional<CurvePoint> Alongside::wait_for_all(const std::stop_token& stop) {
+template <class Ready>
+bool Alongside::wait(std::unique_lock<std::mutex>& lock, const Patience& patience, Ready ready) {
+  while (!changed_.wait_for(lock, patience.stop, beat, ready)) {
+    if (patience.stop.stop_requested()) return false;
+    if (std::chrono::steady_clock::now() - last_done_ > longest_step) continue;
+    lock.unlock();  // who is told may ask for the newest estimate
+    patience.beat();
+    lock.lock();
+  }
+  return true;
+}
+
+std::optional<CurvePoint> Alongside::wait_for_all(const Patience& patience) {
   std::unique_lock lock(mutex_);
   const bool done =
-      changed_.wait(lock, stop, [this] { return failed_ || (queue_.empty() && !working_); });
+      wait(lock, patience, [this] { return failed_ || (queue_.empty() && !working_); });
   return done && !failed_ ? latest_ : std::nullopt;
 }
 
 std::optional<Alongside::Answer> Alongside::replan(ReplanQuestion question,
-                                                   const std::stop_token& stop) {
+                                                   const Patience& patience) {
   std::unique_lock lock(mutex_);
   if (failed_) return std::nullopt;
+  if (queue_.empty() && !working_) last_done_ = std::chrono::steady_clock::now();
   question_ = std::move(question);
   answer_.reset();
   changed_.notify_all();
-  const bool done = changed_.wait(lock, stop, [this] { return failed_ || !question_.has_value(); });
+  const bool done = wait(lock, patience, [this] { return failed_ || !question_.has_value(); });
   return done && !failed_ ? std::exchange(answer_, std::nullopt) : std::nullopt;
 }
 
-Result<PoseFit> Alongside::wait_for_pose(const std::string& shot, const std::stop_token& stop) {
+Result<PoseFit> Alongside::wait_for_pose(const std::string& shot, const Patience& patience) {
   std::unique_lock lock(mutex_);
-  const bool known = changed_.wait(
-      lock, stop, [&] { return pose_ && (pose_of_ == shot || (*pose_ && (*pose_)->told)); });
+  const bool known = wait(
+      lock, patience, [&] { return pose_ && (pose_of_ == shot || (*pose_ && (*pose_)->told)); });
   if (!known) return fail(ErrorCode::stopped, "looking for the object's pose was stopped");
   return *pose_;
 }
@@ -77,6 +97,7 @@ void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks)
   while (changed_.wait(lock, stop, [this] { return !queue_.empty() || question_.has_value(); })) {
     if (stop.stop_requested()) return;
     queue_.empty() ? answer(lock) : reduce_next(reduction, lock);
+    last_done_ = std::chrono::steady_clock::now();
     changed_.notify_all();
   }
 }

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <deque>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <stop_token>
@@ -33,19 +35,27 @@ class Alongside {
 
   /// The newest estimate.
   std::optional<CurvePoint> latest() const;
+
+  /// How long somebody waits, and who is told meanwhile that they do: several times a second, as
+  /// long as the thread gets something done at least every hour. A resumed session brings its whole
+  /// queue at once.
+  struct Patience {
+    std::stop_token stop;
+    std::function<void()> beat;
+  };
   /// The estimate over all that was added; waits for it. Empty when stopped, failed or nothing was
   /// added.
-  std::optional<CurvePoint> wait_for_all(const std::stop_token& stop);
+  std::optional<CurvePoint> wait_for_all(const Patience& patience);
   /// What the first lights added gave (question.yields of them), and whether others should take the
   /// place of those still open; waits for both. Empty when stopped, failed, or the plan may stand.
   struct Answer {
     LightYield last;
     Replan changes;
   };
-  std::optional<Answer> replan(ReplanQuestion question, const std::stop_token& stop);
+  std::optional<Answer> replan(ReplanQuestion question, const Patience& patience);
   /// How the object lies, by the first shot added that tells it, or, where none up to the shot of
   /// this name does, by that; waits for it. Errors: stopped, and those of reading the frames.
-  Result<PoseFit> wait_for_pose(const std::string& shot, const std::stop_token& stop);
+  Result<PoseFit> wait_for_pose(const std::string& shot, const Patience& patience);
   /// The first failure, once; "" when there is none.
   std::string take_problem();
 
@@ -53,6 +63,8 @@ class Alongside {
   void run(const std::stop_token& stop, std::vector<StoredFrame> darks);
   void reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& lock);
   void answer(std::unique_lock<std::mutex>& lock);
+  template <class Ready>
+  bool wait(std::unique_lock<std::mutex>& lock, const Patience& patience, Ready ready);
 
   const Rig& rig_;
   const SessionSpec& spec_;
@@ -62,6 +74,7 @@ class Alongside {
   std::condition_variable_any changed_;
   std::deque<CapturedShot> queue_;
   bool working_ = false;
+  std::chrono::steady_clock::time_point last_done_ = std::chrono::steady_clock::now();
   bool failed_ = false;
   std::string problem_;
   std::optional<CurvePoint> latest_;

@@ -220,6 +220,11 @@ void CaptureRun::say(const std::string& activity) {
   t_.listeners.progress(progress);
 }
 
+/// What waits for the reduction alongside goes on telling that it does.
+Alongside::Patience CaptureRun::patience() {
+  return {t_.control.stop_token(), [this] { say(activity_); }};
+}
+
 double CaptureRun::elapsed() const {
   return elapsed_before_ + std::chrono::duration<double>(t_.clock.now() - began_).count();
 }

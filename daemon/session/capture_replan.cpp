@@ -47,7 +47,7 @@ Result<void> CaptureRun::replan_after(std::size_t last) {
   }
   if (question.open.empty()) return {};
   say("looking at the rest of the plan");
-  const auto answer = alongside_.replan(std::move(question), t_.control.stop_token());
+  const auto answer = alongside_.replan(std::move(question), patience());
   if (!answer) {
     if (hand_.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
     return {};

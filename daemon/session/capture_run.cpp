@@ -276,7 +276,7 @@ Result<void> CaptureRun::look_at_pose(bool more_to_come) {
   if (!pose_.looked) {
     say("looking how the object lies");
     const std::string& shot = captured_.shots.back().name;
-    const auto pose = alongside_.wait_for_pose(shot, t_.control.stop_token());
+    const auto pose = alongside_.wait_for_pose(shot, patience());
     if (!pose && hand_.stop_requested()) return tl::unexpected(pose.error());
     if (pose && !pose->told && more_to_come) return {};  // the next light may show more
     Json fields = pose ? pose_fields(*pose, shot, waits)
@@ -332,7 +332,7 @@ std::optional<Ending> CaptureRun::early_ending(int next) {
   if (std::string over = out_of_time(next, fitted > 0); !over.empty()) return early(over);
   if (stop.predicted_error_percent && fitted > 0) {
     say("estimating the error so far");
-    const auto point = alongside_.wait_for_all(t_.control.stop_token());
+    const auto point = alongside_.wait_for_all(patience());
     if (point && point->predicted_error_percent <= *stop.predicted_error_percent) {
       return early(
           fmt::format("the predicted error {:.2f} % has reached [stop] "

@@ -125,6 +125,7 @@ class CaptureRun {
   Result<void> note(const std::string& event, nlohmann::ordered_json fields);
   Result<void> try_note(const std::string& event, const nlohmann::ordered_json& fields);
   void say(const std::string& activity);
+  Alongside::Patience patience();
   double elapsed() const;
   double remaining() const;
   bool is_captured(int index) const;
@@ -165,6 +166,7 @@ Result<void> CaptureRun::pause(const char* why, const std::string& reason, MayGo
                                       {"reason", reason},
                                       {"measured", {{"at", utc_now()}, {"elapsed_s", elapsed()}}}};
   const std::string before = activity_;
+  t_.control.forget_word();
   // On a full disk this line may have to wait for the end of the pause.
   bool paused_noted = static_cast<bool>(try_note("paused", fields));
   while (true) {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "daemon/session/guarded_move.h"
 #include "daemon/session/lay_candidates.h"
 
 namespace lightrig {
@@ -118,14 +119,11 @@ Result<void> DeviceHand::go_to(const GantryPosition& target) {
   }
   const auto way = clear_way(rig_, obstacles_, candidates_, now->position, target);
   if (!way) return tl::unexpected(with_context("move the gantry", way.error()));
-  GantryPosition from = now->position;
-  for (const GantryPosition& stop : *way) {
-    const double seconds = move_time(rig_.gantry.model, from, stop) * rig_.gantry.move_time_factor +
-                           std::chrono::duration<double>(rig_.gantry.move_time_margin).count();
-    if (auto moved = devices_.gantry->move_to(stop, within(seconds)); !moved) {
-      return tl::unexpected(with_context("move the gantry", moved.error()));
-    }
-    from = stop;
+  for (auto from = now; const GantryPosition& stop : *way) {
+    if (&stop != &way->front()) from = status();
+    if (!from) return tl::unexpected(from.error());
+    auto moved = guarded_move(rig_, obstacles_, *devices_.gantry, *from, stop, clock_, stop_);
+    if (!moved) return tl::unexpected(with_context("move the gantry", moved.error()));
   }
   // Arrived means in place for the whole settle time, not at one lucky moment.
   std::string reason;

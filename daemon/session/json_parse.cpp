@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <string>
 
 namespace lightrig {
 namespace {
@@ -19,9 +21,15 @@ std::string place_of(std::string_view text, std::size_t byte) {
   return fmt::format("line {}, column {}", line, column);
 }
 
-/// The first byte that opens one level too many; npos when none does.
-std::size_t too_deep_at(std::string_view text) {
+struct Excess {
+  std::size_t at = std::string_view::npos;
+  std::string what;
+};
+
+/// The first byte that opens one level, or begins one member, too many; npos when none does.
+Excess excess_of(std::string_view text) {
   int depth = 0;
+  std::array<int, deepest_json + 1> members{};  // so far, of what is open at each level
   bool quoted = false;
   for (std::size_t i = 0; i < text.size(); ++i) {
     const char c = text[i];
@@ -31,20 +39,25 @@ std::size_t too_deep_at(std::string_view text) {
     } else if (c == '"') {
       quoted = true;
     } else if (c == '[' || c == '{') {
-      if (++depth > deepest_json) return i;
+      if (++depth > deepest_json)
+        return {i, fmt::format("nests deeper than {} levels", deepest_json)};
+      if (depth >= 0) members[static_cast<std::size_t>(depth)] = 0;
     } else if (c == ']' || c == '}') {
       --depth;
+    } else if (c == ':' && depth >= 0) {
+      if (++members[static_cast<std::size_t>(depth)] > most_members)
+        return {i, fmt::format("has more than {} members in one object", most_members)};
     }
   }
-  return std::string_view::npos;
+  return {};
 }
 
 }  // namespace
 
 Result<Json> parse_json(std::string_view text) {
-  if (const std::size_t at = too_deep_at(text); at != std::string_view::npos) {
-    return fail(ErrorCode::invalid_input, fmt::format("it nests deeper than {} levels at {}",
-                                                      deepest_json, place_of(text, at)));
+  if (const Excess excess = excess_of(text); excess.at != std::string_view::npos) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("it {} at {}", excess.what, place_of(text, excess.at)));
   }
   try {
     return Json::parse(text);

@@ -8,7 +8,7 @@ namespace {
 /// The end of a capture that could not begin: nothing moved, but what the lamp does is made sure
 /// of.
 SessionEnd not_begun(Devices& devices, Clock& clock, const Error& error) {
-  SessionEnd end{SessionOutcome::faulted, error.message, false};
+  SessionEnd end{SessionOutcome::faulted, error.message, false, error.code == ErrorCode::no_space};
   if (!devices.lamp) return end;
   const auto dark = devices.lamp->set(0, {clock.now() + std::chrono::seconds(2), {}});
   if (!dark) {

@@ -34,6 +34,8 @@ class SessionControl {
   bool halted() const;
   std::string reason() const;
 
+  /// A resume() from before this does not count: nobody can have meant what was not yet told.
+  void forget_word();
   /// Waits for a person's resume() or the stop token, at most this long (real time: people do not
   /// run on the rig's clock). True when one of them came.
   bool wait_for_word(std::chrono::milliseconds at_most);
@@ -66,11 +68,12 @@ struct SessionEnd {
   SessionOutcome outcome = SessionOutcome::done;
   std::string reason;  ///< one sentence for a person; says LAMP MAY BE ON where that is so
   bool lamp_may_be_on = false;
+  bool waits_for_space = false;  ///< faulted before its first line: its disk is full
 };
 
 /// Who is told; each may be empty. All are called by the capturing thread, which waits for them:
 /// they hand over and return. `progress` comes at least twice a second while the session pauses or
-/// waits for the disk, and with every step otherwise: a watchdog may feed on it.
+/// waits for the disk or the reduction, and with every step otherwise: a watchdog may feed on it.
 struct SessionListeners {
   std::function<void(const JournalEvent&)> event;  ///< after it is durable
   std::function<void(const SessionProgress&)> progress;

@@ -63,6 +63,11 @@ std::string SessionControl::reason() const {
   return reason_;
 }
 
+void SessionControl::forget_word() {
+  const std::lock_guard lock(mutex_);
+  resumed_ = false;
+}
+
 bool SessionControl::wait_for_word(std::chrono::milliseconds at_most) {
   std::unique_lock lock(mutex_);
   word_.wait_for(lock, stop_.get_token(), at_most, [this] { return resumed_; });

@@ -21,6 +21,7 @@ NO_COMMANDS = {
     ("session_folder.md", "journal  = { line }"): "a grammar",
     ("simulate.md", "EFFECT [wire"): "the grammar of faults; tests/sim/faults_test.cpp holds it to its word",
     ("simulate.md", "wire   fault"): "a table that tests/fault_campaign prints",
+    ("operations.md", "[Service]\nExecStart="): "a drop-in; SystemdUnits.ThePanelsDropInIsTheServiceWithAPort holds it to the unit",
     ("README.md", '[materials]\nsource = "/data/merl"'): "no measured data is shipped",
 }
 

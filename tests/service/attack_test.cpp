@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <chrono>
 #include <memory>
 #include <thread>
@@ -86,6 +87,32 @@ TEST_F(Attack, AnswersNoOtherHostNameAndNoOtherOrigin) {
       request(RawConnection(socket_), "GET", "/v1/status", "", "Origin: http://evil.example\r\n")
           .status,
       403);
+}
+
+TEST_F(Attack, AnswersOnAWildcardToThisMachinesNamesAlone) {
+  host_.reset();
+  HostSettings settings;
+  settings.service.rig = small_rig(folder_.path());
+  settings.service.simulate = true;
+  settings.socket = socket_;
+  settings.listen = TcpAddress{"0.0.0.0", 0, false};
+  settings.hosts = {"rig.example"};
+  settings.token_file = folder_.path() / "token";
+  settings.use_activated_sockets = false;
+  auto host = Host::start(std::move(settings), log_);
+  ASSERT_TRUE(host) << host.error().message;
+  host_ = std::move(*host);
+  std::array<char, 256> name{};
+  ASSERT_EQ(gethostname(name.data(), name.size() - 1), 0);
+  const std::string port = ":" + std::to_string(host_->tcp_port());
+  const auto asked_as = [&](const std::string& who) {
+    return tcp("GET", "/v1/status", "Host: " + who + port + "\r\n" + bearer()).status;
+  };
+  EXPECT_EQ(asked_as("127.0.0.1"), 200);
+  EXPECT_EQ(asked_as(name.data()), 200);
+  EXPECT_EQ(asked_as("Rig.Example"), 200);
+  EXPECT_EQ(asked_as("evil.example"), 421);
+  EXPECT_EQ(asked_as("0.0.0.0"), 421);
 }
 
 TEST_F(Attack, TakesNoMutationThatAFormCouldSend) {

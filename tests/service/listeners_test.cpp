@@ -2,10 +2,14 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
+
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
 #include <unistd.h>
+#include <array>
+#include <cctype>
 
 #include <fstream>
 
@@ -113,6 +117,31 @@ TEST(TcpAddress, RefusesWhatIsNoAddress) {
   for (const char* text : {"", "8080", "localhost:8080", "127.0.0.1:", "127.0.0.1:99999",
                            "127.0.0.1:80x", "127.0.0.1:-1", "1.2.3:80"})
     EXPECT_FALSE(parse_tcp_address(text)) << text;
+}
+
+TEST(TcpAddress, IsAskedForByItsOwnAddressTheLoopbacksAndWhatIsSaid) {
+  const auto fd = listen_tcp({"127.0.0.2", 0, true});
+  ASSERT_TRUE(fd) << fd.error().message;
+  const std::string port = ":" + std::to_string(bound_port(fd->get()));
+  EXPECT_THAT(hosts_of(fd->get(), {"Rig.Lab", "fd00::7"}),
+              ::testing::ElementsAre("localhost" + port, "127.0.0.1" + port, "[::1]" + port,
+                                     "127.0.0.2" + port, "rig.lab" + port, "[fd00::7]" + port));
+}
+
+TEST(TcpAddress, BoundToAWildcardIsAskedForByTheMachinesAddressesAndName) {
+  std::array<char, 256> name{};
+  ASSERT_EQ(gethostname(name.data(), name.size() - 1), 0);
+  std::string host = name.data();
+  for (char& c : host) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  for (const char* wildcard : {"0.0.0.0", "::"}) {
+    const auto fd = listen_tcp({wildcard, 0, false});
+    if (!fd) continue;  // a machine without IPv6
+    const std::string port = ":" + std::to_string(bound_port(fd->get()));
+    const auto hosts = hosts_of(fd->get(), {});
+    EXPECT_THAT(hosts, ::testing::Contains(host + port)) << wildcard;
+    EXPECT_THAT(hosts, ::testing::Contains("127.0.0.1" + port)) << wildcard;
+    EXPECT_THAT(hosts, ::testing::Not(::testing::Contains(std::string(wildcard) + port)));
+  }
 }
 
 }  // namespace

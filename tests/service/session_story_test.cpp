@@ -3,16 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
-#include <functional>
-#include <memory>
 #include <thread>
 
-#include "daemon/service/host.h"
 #include "daemon/session/compare.h"
 #include "daemon/session/durable_file.h"
-#include "tests/service/raw_http.h"
-#include "tests/service/scratch_folder.h"
-#include "tests/service/small_rig.h"
+#include "tests/service/story.h"
 
 namespace lightrig {
 namespace {
@@ -20,66 +15,6 @@ namespace {
 using namespace std::chrono_literals;
 using ::testing::HasSubstr;
 using Json = nlohmann::ordered_json;
-using Clock_ = std::chrono::steady_clock;
-
-// What a session may take: a second, and under a sanitizer minutes.
-constexpr std::chrono::seconds patience = 280s;
-
-/// A service on a socket in a folder of its own.
-class ServiceStory : public ::testing::Test {
- protected:
-  void SetUp() override { begin(std::numeric_limits<double>::infinity()); }
-
-  void begin(double clock_rate) {
-    host_.reset();
-    HostSettings settings;
-    settings.service.rig = small_rig(folder_.path());
-    settings.service.simulate = true;
-    settings.service.clock_rate = clock_rate;
-    settings.socket = socket_;
-    settings.use_activated_sockets = false;
-    auto host = Host::start(std::move(settings), log_);
-    ASSERT_TRUE(host) << host.error().message;
-    host_ = std::move(*host);
-  }
-
-  RawReply get(const std::string& path) { return request(RawConnection(socket_), "GET", path); }
-  RawReply post(const std::string& path, const std::string& body = "{}",
-                const std::string& headers = mutation_headers) {
-    return request(RawConnection(socket_), "POST", path, body, headers);
-  }
-  Json status() { return get("/v1/status").json(); }
-
-  /// Waits until the status satisfies, and gives it.
-  Json wait_for(const std::function<bool(const Json&)>& good,
-                std::chrono::seconds within = patience) {
-    const auto end = Clock_::now() + within;
-    Json last = status();
-    while (!good(last) && Clock_::now() < end) {
-      std::this_thread::sleep_for(10ms);
-      last = status();
-    }
-    EXPECT_TRUE(good(last)) << last.dump(1);
-    return last;
-  }
-  Json wait_for_state(const std::string& state) {
-    return wait_for([&](const Json& now) { return now["state"] == state && !now["busy"]; });
-  }
-  void arm() {
-    EXPECT_EQ(post("/v1/arm").status, 202);
-    wait_for_state("armed");
-  }
-  std::string start(const std::string& body = "{}") {
-    const RawReply reply = post("/v1/sessions", body);
-    EXPECT_EQ(reply.status, 201) << reply.body;
-    return reply.status == 201 ? reply.json()["id"].get<std::string>() : "";
-  }
-
-  ScratchFolder folder_;
-  const std::filesystem::path socket_ = folder_.path() / "control.sock";
-  Log log_{LogLevel::warning, Log::Sink::none};
-  std::unique_ptr<Host> host_;
-};
 
 TEST_F(ServiceStory, StartsUnarmedAndSaysWhyNothingCanMove) {
   const Json now = status();
@@ -184,6 +119,7 @@ TEST_F(ServiceStory, PausesResumesAndStopsAfterAShotWithAResult) {
       202);
   const Json paused = wait_for([](const Json& now) { return now["state"] == "paused"; });
   EXPECT_THAT(paused["session"]["reason"].get<std::string>(), HasSubstr("tester"));
+  EXPECT_EQ(paused["session"]["paused_by"], "person");
   EXPECT_EQ(post("/v1/sessions/" + id + "/pause").status, 202) << "pausing twice is no error";
   EXPECT_EQ(post("/v1/sessions/" + id + "/resume").status, 202);
   wait_for([](const Json& now) { return now["state"] == "capturing"; });

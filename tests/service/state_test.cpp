@@ -22,20 +22,23 @@ const std::map<std::pair<S, E>, S> legal{
     {{S::armed, E::fault}, S::faulted},
 
     {{S::homing, E::homed}, S::armed},         {{S::homing, E::abort}, S::aborted},
-    {{S::homing, E::fault}, S::faulted},
+    {{S::homing, E::fault}, S::faulted},       {{S::homing, E::halted}, S::unarmed},
 
-    {{S::planning, E::planned}, S::capturing}, {{S::planning, E::clear}, S::armed},
+    {{S::planning, E::planned}, S::capturing}, {{S::planning, E::refused}, S::armed},
     {{S::planning, E::abort}, S::aborted},     {{S::planning, E::fault}, S::faulted},
-    {{S::planning, E::captured}, S::reducing},
+    {{S::planning, E::captured}, S::reducing}, {{S::planning, E::halted}, S::armed},
 
     {{S::capturing, E::pause}, S::paused},     {{S::capturing, E::captured}, S::reducing},
     {{S::capturing, E::abort}, S::aborted},    {{S::capturing, E::fault}, S::faulted},
+    {{S::capturing, E::halted}, S::paused},
 
     {{S::paused, E::resume}, S::capturing},    {{S::paused, E::captured}, S::reducing},
     {{S::paused, E::abort}, S::aborted},       {{S::paused, E::fault}, S::faulted},
+    {{S::paused, E::halted}, S::paused},
 
-    {{S::reducing, E::reduced}, S::done},      {{S::reducing, E::clear}, S::armed},
+    {{S::reducing, E::reduced}, S::done},      {{S::reducing, E::refused}, S::armed},
     {{S::reducing, E::abort}, S::aborted},     {{S::reducing, E::fault}, S::faulted},
+    {{S::reducing, E::pause}, S::paused},
 
     {{S::done, E::disarm}, S::unarmed},        {{S::done, E::abort}, S::unarmed},
     {{S::done, E::home}, S::homing},           {{S::done, E::start}, S::planning},
@@ -73,6 +76,17 @@ TEST(StateMachine, NeverStaysArmedAfterAbortOrFault) {
     EXPECT_FALSE(is_armed(*next(state, E::abort))) << name_of(state);
     EXPECT_FALSE(is_armed(*next(state, E::fault))) << name_of(state);
   }
+}
+
+// What the program itself does may not put aside what a person has yet to look at.
+TEST(StateMachine, LeavesAnAbortOrAFaultByAPersonsWordAlone) {
+  for (S state : {S::aborted, S::faulted})
+    for (E event : all_events) {
+      const auto after = next(state, event);
+      if (after && *after != S::aborted && *after != S::faulted) {
+        EXPECT_TRUE(event == E::clear || event == E::arm) << name_of(state) << name_of(event);
+      }
+    }
 }
 
 TEST(StateMachine, BecomesArmedFromAnUnarmedStateByArmingAlone) {

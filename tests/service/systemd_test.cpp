@@ -79,6 +79,35 @@ TEST(SystemdUnits, AreHardenedToAnExposureOfTwoAndAHalf) {
       judged.text.size() > 200 ? judged.text.size() - 200 : 0);
 }
 
+// What docs/operations.md has people write, with this build's program in it.
+TEST(SystemdUnits, ThePanelsDropInIsTheServiceWithAPort) {
+  const std::string guide =
+      text_of(fs::path(lightrig::test::source_dir) / "docs" / "operations.md");
+  const auto begins = guide.find("    [Service]\n    ExecStart=\n");
+  ASSERT_NE(begins, std::string::npos);
+  std::string drop_in = guide.substr(begins, guide.find("\n\n", begins) - begins) + "\n";
+  drop_in = std::regex_replace(drop_in, std::regex("\n {4}"), "\n").substr(4);
+  drop_in = std::regex_replace(drop_in, std::regex("/usr/bin"), lightrig::test::build_dir);
+  ScratchFolder folder;
+  const fs::path units = units_in(folder.path());
+  // It replaces the unit's command, and so must begin with all of it.
+  const std::string unit = text_of(units / "lightrigd.service");
+  const auto command = unit.find("ExecStart=");
+  const std::string line = unit.substr(command, unit.find('\n', command) - command);
+  EXPECT_THAT(drop_in, HasSubstr("ExecStart=\n" + line + " \\\n    --listen "));
+  fs::create_directory(units / "lightrigd.service.d");
+  std::ofstream(units / "lightrigd.service.d" / "override.conf") << drop_in;
+  const Outcome verified = run("systemd-analyze verify " + units.string() + "/lightrigd.service " +
+                               units.string() + "/lightrigd.socket");
+  EXPECT_EQ(verified.code, 0);
+  EXPECT_EQ(verified.text, "");
+  const std::string help = run(std::string(lightrig::test::build_dir) + "/lightrigd --help").text;
+  for (const char* option : {"--rig", "--session-root", "--listen", "--token-file"}) {
+    EXPECT_THAT(drop_in, HasSubstr(option));
+    EXPECT_THAT(help, HasSubstr(option));
+  }
+}
+
 /// A socket that stands where systemd's would.
 class NotifySocket {
  public:

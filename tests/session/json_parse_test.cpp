@@ -44,5 +44,21 @@ TEST(ParseJson, SaysWhereItIsNoJson) {
   EXPECT_THAT(parse_json("[1e999]").error().message, HasSubstr("no double"));
 }
 
+TEST(ParseJson, RefusesAnObjectOfVeryManyMembersAndCountsEachObjectApart) {
+  const auto object_of = [](int count) {
+    std::string text = "{";
+    for (int i = 0; i < count; ++i)
+      text += (i > 0 ? "," : "") + ("\"" + std::to_string(i) + ":\":{\"a\":1}");
+    return text + "}";
+  };
+  EXPECT_TRUE(parse_json(object_of(most_members)));
+  EXPECT_TRUE(parse_json("[" + object_of(most_members) + "," + object_of(most_members) + "]"));
+  const auto refused = parse_json(object_of(most_members + 1));
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("more than 1024 members in one object at line 1"),
+            std::string::npos)
+      << refused.error().message;
+}
+
 }  // namespace
 }  // namespace lightrig

@@ -155,6 +155,28 @@ TEST_F(LampTest, ThatStaysDarkPausesTheSessionUntilAPersonHasMendedIt) {
   EXPECT_EQ(comparable_text(folder), uninterrupted());
 }
 
+TEST_F(LampTest, ThatFailsAfterAResumeOfNothingStillWaitsForAPerson) {
+  Laboratory laboratory(rig_);
+  const SessionFolder folder = create();
+  SessionControl control;
+  int beats = 0;
+  SessionListeners listeners;
+  listeners.progress = [&](const SessionProgress& progress) {
+    if (progress.activity.starts_with("paused: ")) {
+      if (++beats == 3) control.halt("nobody came");
+    } else if (progress.shots_done == 1 && progress.activity.starts_with("exposing")) {
+      control.resume();  // nothing is paused
+      laboratory.world->set_lamp_gain(0);
+    }
+  };
+  int pauses = 0;
+  listeners.event = [&](const JournalEvent& event) { pauses += event.event == "paused" ? 1 : 0; };
+  const SessionEnd end = capture_in(folder, laboratory, control, listeners);
+  EXPECT_EQ(end.outcome, SessionOutcome::paused) << end.reason;
+  EXPECT_THAT(end.reason, HasSubstr("nobody came"));
+  EXPECT_EQ(pauses, 1);
+}
+
 // A bracket of one exposure has nothing to be held against: one more frame, which nobody keeps,
 // tells whether the lamp burnt to its end.
 TEST_F(LampTest, ThatDimsUnderTheOnlyExposureIsSeenByAFrameThatNobodyKeeps) {

@@ -1,0 +1,114 @@
+// What a person's word does to a session at moments that are not its capture.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/mount.h>
+
+#include <chrono>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "tests/service/story.h"
+#include "tests/session/scratch.h"
+
+namespace lightrig {
+namespace {
+
+using ::testing::HasSubstr;
+using Json = nlohmann::ordered_json;
+
+class ServiceSteering : public ServiceStory {};
+
+TEST_F(ServiceSteering, HaltsAtOnceAfterTheStartAndTheNextStartIsTaken) {
+  begin(1);  // real time: however slow the halt arrives, the session is not done by then
+  arm();
+  const std::string id = start();
+  EXPECT_EQ(post("/v1/sessions/" + id + "/halt").status, 202) << "taken on before it has begun";
+  const Json halted = wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  if (halted["state"] == "armed") {
+    EXPECT_EQ(halted["session"]["state"], "halted");
+    EXPECT_THAT(halted["session"]["reason"].get<std::string>(),
+                HasSubstr("halted by tester; nothing had moved"));
+    EXPECT_NE(start(), "");
+  } else {
+    EXPECT_EQ(halted["state"], "paused") << "the plan was made before the halt came";
+    EXPECT_EQ(halted["session"]["paused_by"], "person");
+    EXPECT_EQ(post("/v1/sessions/" + id + "/resume").status, 202);
+  }
+  EXPECT_EQ(post("/v1/abort").status, 200);
+}
+
+TEST_F(ServiceSteering, ReachesNoCommandThatIsNotTheSessions) {
+  begin(1);
+  arm();
+  const std::string id = start();
+  EXPECT_EQ(post("/v1/abort").status, 200);
+  wait_for_state("aborted");
+  arm();
+  EXPECT_EQ(post("/v1/home").status, 202);
+  for (const char* verb : {"pause", "halt", "stop"})
+    EXPECT_EQ(post("/v1/sessions/" + id + "/" + verb).status, 409) << verb;
+  const Json now = status();
+  EXPECT_EQ(now["commands"].back()["command"], "home");
+  EXPECT_NE(now["commands"].back()["state"], "failed");
+  EXPECT_EQ(now["session"]["state"], "aborted");
+  EXPECT_EQ(post("/v1/abort").status, 200);
+}
+
+// Found: 4 MB of short names took the parser minutes, on the thread that an ABORT arrives at.
+TEST_F(ServiceSteering, AbortsWhileABodyOfVeryManyNamesIsRead) {
+  std::string names = "{";
+  while (names.size() < (std::size_t{3} << 20))
+    names += "\"" + std::to_string(names.size()) + "\":1,";
+  names += "\"key\":\"k\"}";
+  std::vector<RawConnection> crowd;
+  for (const char* path : {"/v1/sessions", "/v1/lock", "/v1/abort"}) {
+    crowd.emplace_back(socket_);
+    crowd.back().send(std::string("POST ") + path + " HTTP/1.1\r\nHost: x\r\n" + mutation_headers +
+                      "Content-Length: " + std::to_string(names.size()) + "\r\n\r\n" + names);
+  }
+  const auto begun = std::chrono::steady_clock::now();
+  EXPECT_EQ(post("/v1/abort").status, 200);
+  EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::seconds(5));
+  EXPECT_THAT(crowd[0].receive("\r\n\r\n{", std::chrono::seconds(10)), HasSubstr(" 422 "));
+  EXPECT_THAT(crowd[1].receive("\r\n\r\n{", std::chrono::seconds(10)), HasSubstr(" 413 "));
+  EXPECT_THAT(crowd[2].receive("\r\n\r\n{", std::chrono::seconds(10)), HasSubstr(" 200 "));
+  EXPECT_EQ(host_->service().snapshot().aborts, 2U);
+}
+
+TEST_F(ServiceSteering, MovesOnceForRequestsRepeatedUnderOneKey) {
+  arm();
+  EXPECT_EQ(post("/v1/home").status, 202);
+  wait_for_state("armed");
+  const std::string step = R"({"axis":"azimuth","by_deg":5,"key":"k1"})";
+  const Json first = post("/v1/jog", step).json();
+  wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  EXPECT_EQ(post("/v1/jog", step).json()["command"], first["command"]);
+  const Json end = wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
+  EXPECT_NEAR(end["devices"]["gantry"]["position"][0].get<double>(), 5 * 3.14159265 / 180, 1e-3);
+}
+
+TEST_F(ServiceSteering, WaitsForSpaceBeforeItsResultAndGoesOnByItself) {
+  // Inputs, truth and frames take 0.62 MiB; radiance and result 0.73 MiB more.
+  const SmallDisk disk(1 << 20);
+  if (!disk.mounted()) GTEST_SKIP() << "mounting a small tmpfs needs root";
+  session_root_ = disk.path();
+  begin(std::numeric_limits<double>::infinity());
+  arm();
+  start();
+  const Json paused = wait_for([](const Json& now) {
+    return now["state"] == "paused" || (!now["busy"].get<bool>() && now["state"] != "armed");
+  });
+  EXPECT_EQ(paused["state"], "paused");
+  EXPECT_EQ(paused["session"]["paused_by"], "no_space");
+  EXPECT_THAT(paused["session"]["reason"].get<std::string>(), HasSubstr("free some space"));
+  EXPECT_EQ(paused["devices"]["lamp"]["power"], 0);
+  ASSERT_EQ(::mount("tmpfs", disk.path().c_str(), "tmpfs", MS_REMOUNT, "size=20m"), 0);
+  const Json end = wait_for_state("done");
+  EXPECT_FALSE(end["session"]["result"].is_null());
+  EXPECT_TRUE(end["session"]["paused_by"].is_null());
+  host_.reset();  // before its disk goes
+}
+
+}  // namespace
+}  // namespace lightrig
