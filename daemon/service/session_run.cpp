@@ -73,8 +73,10 @@ Result<std::string> Service::do_session(SessionControl& control, const std::stri
   liveness_.promise(computing_promise);
   const Rig& rig = settings_.rig;
   if (auto truth = add_truth(request.spec); !truth) return refuse_session(truth.error());
-  auto prepared = request.plan ? prepare_with_plan(rig, request.spec, *request.plan)
-                               : prepare(rig, request.spec);
+  const std::stop_token stop = control.stop_token();
+  auto prepared = request.plan ? prepare_with_plan(rig, request.spec, *request.plan, stop)
+                               : prepare(rig, request.spec, false, stop);
+  if (!prepared && stop.stop_requested()) return not_begun(control, "plan session " + id);
   if (!prepared) return refuse_session(with_context("plan session " + id, prepared.error()));
   if (request.plan) {
     if (auto same = check_made_for(*request.plan, *prepared); !same) {
@@ -106,7 +108,9 @@ Result<std::string> Service::do_resume(SessionControl& control, const std::files
                                        "{}; start the service with the session's own rig.toml",
                                        root.filename().string(), settings_.rig.path.string())});
   if (record->state == "done") return finish_resumed(control, *record);
-  auto prepared = prepare_with_plan(settings_.rig, record->spec, record->plan);
+  auto prepared =
+      prepare_with_plan(settings_.rig, record->spec, record->plan, control.stop_token());
+  if (!prepared && control.stop_token().stop_requested()) return not_begun(control, "resume");
   if (!prepared) return refuse_session(with_context("resume", prepared.error()));
   log_.info("resuming", {{"session", root.filename().string()},
                          {"captured", std::to_string(record->shots.size())},
@@ -252,7 +256,8 @@ Result<std::string> Service::reduce(SessionControl& control, const SessionFolder
   Result<ReductionSummary> summary = ReductionSummary{};
   const auto reduced =
       while_there_is_space(control, folder.root, Event::captured, [&]() -> Result<void> {
-        summary = reduce_session(folder.root, folder.root, settings_.threads);
+        summary =
+            reduce_session(folder.root, folder.root, settings_.threads, {}, control.stop_token());
         return summary ? Result<void>() : tl::unexpected(summary.error());
       });
   if (!reduced) {

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "drivers/lamp_power.h"
+#include "drivers/progress_watch.h"
 
 namespace lightrig {
 namespace {
@@ -17,6 +18,8 @@ constexpr char feed_hold = '!';
 constexpr std::chrono::milliseconds poll_interval{20};
 constexpr std::chrono::milliseconds farewell{500};
 constexpr std::chrono::milliseconds queueing_patience{2000};
+/// For which nothing may come nearer to a move's target.
+constexpr std::chrono::milliseconds stall_patience{2500};
 /// A position beside a move's way counts from the second report: one may be damaged.
 constexpr int reports_that_agree = 2;
 constexpr double way_slack = 0.002;  // of an axis' travel
@@ -213,6 +216,7 @@ Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& from,
                                                 const GantryPosition& target, const Until& until) {
   int idle_elsewhere = 0;
   int beside_way = 0;
+  ProgressWatch progress(model_, from, target, clock_.now(), stall_patience);
   for (;;) {
     auto now = status(until);
     if (!now) return tl::unexpected(now.error());
@@ -235,6 +239,10 @@ Result<void> GrblGantryDevice::wait_for_arrival(const GantryPosition& from,
                   fmt::format("it leaves the way to its target, {:.4g} (rad or m) from the target: "
                               "was the command damaged? check the cable and its shield",
                               off));
+    // The wrong way is judged above, by more than one report.
+    if (const auto nearer = progress.see(now->position, clock_.now());
+        !nearer && nearer.error().code == ErrorCode::timed_out)
+      return tl::unexpected(nearer.error());
     clock_.sleep_until(clock_.now() + poll_interval, until.stop);
   }
 }
