@@ -2,11 +2,11 @@
 // of grblHAL: a far end that knows nothing but its lines, and nothing of our simulator.
 #include <gmock/gmock.h>
 
+#include <atomic>
 #include <deque>
 #include <map>
 #include <mutex>
 
-#include "sim/sim_clock.h"
 #include "sim/usb/grbl_machine.h"
 #include "tests/drivers/pty_peer.h"
 #include "tests/drivers/wire_rig.h"
@@ -27,13 +27,19 @@ constexpr const char* settings =
 /// ever. What it hears and has no answer for is met with silence.
 class Recording {
  public:
-  std::map<std::string, std::string> answers{
-      {"$$", settings}, {"G21", "ok\r\n"}, {"G90", "ok\r\n"}, {"G94", "ok\r\n"}, {"M5", "ok\r\n"}};
-  /// Reports from now on, and once a line was heard or a real-time byte came.
-  std::deque<std::string> reports{"<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"};
-  std::map<std::string, std::deque<std::string>> reports_after;
-  std::string after_reset = std::string(banner) + locked;
-  bool silent_until_reset = false;
+  void answer(const std::string& line, const std::string& text) {
+    const std::lock_guard lock(mutex_);
+    answers_[line] = text;
+  }
+  /// Reports once a line was heard, or "!" or "reset".
+  void report_after(const std::string& what, std::deque<std::string> reports) {
+    const std::lock_guard lock(mutex_);
+    reports_after_[what] = std::move(reports);
+  }
+  void say_after_reset(const std::string& text) {
+    const std::lock_guard lock(mutex_);
+    after_reset_ = text;
+  }
 
   std::string hear(std::string_view bytes) {
     const std::lock_guard lock(mutex_);
@@ -41,22 +47,23 @@ class Recording {
     for (const char byte : bytes) {
       if (byte == 0x18) {
         heard_.emplace_back("reset");
-        silent_until_reset = false;
-        said += after_reset;
+        silent_until_reset_ = false;
+        said += after_reset_;
         now("reset");
       } else if (byte == '?') {
-        if (silent_until_reset) continue;
-        said += reports.front() + "\r\n";
-        if (reports.size() > 1) reports.pop_front();
+        if (silent_until_reset_) continue;
+        said += reports_.front() + "\r\n";
+        if (reports_.size() > 1) reports_.pop_front();
       } else if (byte == '!') {
         heard_.emplace_back("!");
         now("!");
       } else if (byte == '\n') {
         const std::string line = std::exchange(line_, {});
         heard_.push_back(line);
-        if (silent_until_reset) continue;
-        if (const auto answer = answers.find(line); answer != answers.end()) said += answer->second;
-        if (said.ends_with("ALARM:2\r\n")) silent_until_reset = true;
+        if (silent_until_reset_) continue;
+        if (const auto answer = answers_.find(line); answer != answers_.end())
+          said += answer->second;
+        if (said.ends_with("ALARM:2\r\n")) silent_until_reset_ = true;
         now(line);
       } else {
         line_ += byte;
@@ -71,11 +78,17 @@ class Recording {
 
  private:
   void now(const std::string& happened) {
-    if (const auto next = reports_after.find(happened); next != reports_after.end())
-      reports = next->second;
+    if (const auto next = reports_after_.find(happened); next != reports_after_.end())
+      reports_ = next->second;
   }
 
   mutable std::mutex mutex_;
+  std::map<std::string, std::string> answers_{
+      {"$$", settings}, {"G21", "ok\r\n"}, {"G90", "ok\r\n"}, {"G94", "ok\r\n"}, {"M5", "ok\r\n"}};
+  std::deque<std::string> reports_{"<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"};
+  std::map<std::string, std::deque<std::string>> reports_after_;
+  std::string after_reset_ = std::string(banner) + locked;
+  bool silent_until_reset_ = false;
   std::string line_;
   std::vector<std::string> heard_;
 };
@@ -90,9 +103,9 @@ class GrblRecorded : public testing::Test {
       axis.max_acceleration = 100;
     }
     rig_.lamp.backend = GantryLamp{"spindle"};
-    recording_.answers["$H"] = "ok\r\n";
+    recording_.answer("$H", "ok\r\n");
     // Homed, it stands a pull-off away from its switches.
-    recording_.reports_after["$H"] = {"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|Ov:100,100,100>"};
+    recording_.report_after("$H", {"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|Ov:100,100,100>"});
   }
 
   Result<GantryAndLamp> open(char second = 'Y') {
@@ -117,16 +130,17 @@ class GrblRecorded : public testing::Test {
 };
 
 TEST_F(GrblRecorded, HomesAndArrivesWhenItIsIdleThereNotWhenItSaysOk) {
-  recording_.after_reset = "\x01\xfe<Id" + std::string(banner) + locked;  // noise before it
+  // Noise comes before the banner.
+  recording_.say_after_reset("\x01\xfe<Id" + std::string(banner) + locked);
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   const auto homed = opened->gantry->home(soon(2s));
   ASSERT_TRUE(homed) << homed.error().message;
-  recording_.answers[move] = "ok\r\n";
-  recording_.reports_after[move] = {"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>",
-                                    "<Run|MPos:0.500,5.000,-1.000|FS:62,0>",
-                                    "<Run|MPos:1.900,10.600,-1.000|FS:20,0|WCO:0.000,0.000,0.000>",
-                                    "<Idle|MPos:2.000,11.000,-1.000|FS:0,0>"};
+  recording_.answer(move, "ok\r\n");
+  recording_.report_after(
+      move, {"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>", "<Run|MPos:0.500,5.000,-1.000|FS:62,0>",
+             "<Run|MPos:1.900,10.600,-1.000|FS:20,0|WCO:0.000,0.000,0.000>",
+             "<Idle|MPos:2.000,11.000,-1.000|FS:0,0>"});
   const auto moved = opened->gantry->move_to(test::at_degrees(3, 12), soon(5s));
   ASSERT_TRUE(moved) << moved.error().message;
   EXPECT_EQ(recording_.heard().back(), move);
@@ -139,21 +153,20 @@ TEST_F(GrblRecorded, AStopIsAHoldAndAResetOnlyOnceItRests) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(2s)));
-  recording_.answers[move] = "ok\r\n";
-  recording_.reports_after[move] = {"<Run|MPos:0.500,5.000,-1.000|FS:62,0>"};
-  recording_.reports_after["!"] = {"<Hold:1|MPos:0.600,5.300,-1.000|FS:30,0>",
-                                   "<Hold:1|MPos:0.650,5.500,-1.000|FS:5,0>",
-                                   "<Hold:0|MPos:0.650,5.550,-1.000|FS:0,0>"};
+  recording_.answer(move, "ok\r\n");
+  recording_.report_after(move, {"<Run|MPos:0.500,5.000,-1.000|FS:62,0>"});
+  recording_.report_after(
+      "!", {"<Hold:1|MPos:0.600,5.300,-1.000|FS:30,0>", "<Hold:1|MPos:0.650,5.500,-1.000|FS:5,0>",
+            "<Hold:0|MPos:0.650,5.550,-1.000|FS:0,0>"});
   const auto moved = opened->gantry->move_to(test::at_degrees(3, 12), soon(300ms));
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::timed_out) << moved.error().message;
-  recording_.after_reset = banner;
-  recording_.reports_after["reset"] = {
-      "<Idle|MPos:0.650,5.550,-1.000|FS:0,0|WCO:0.000,0.000,0.000>"};
+  recording_.say_after_reset(banner);
+  recording_.report_after("reset", {"<Idle|MPos:0.650,5.550,-1.000|FS:0,0|WCO:0.000,0.000,0.000>"});
   const std::string next = "G53 G1 X0.0000 Y12.0000 F60.304";
-  recording_.answers[next] = "ok\r\n";
-  recording_.reports_after[next] = {"<Run|MPos:0.500,6.000,-1.000|FS:60,0>",
-                                    "<Idle|MPos:0.000,12.000,-1.000|FS:0,0>"};
+  recording_.answer(next, "ok\r\n");
+  recording_.report_after(
+      next, {"<Run|MPos:0.500,6.000,-1.000|FS:60,0>", "<Idle|MPos:0.000,12.000,-1.000|FS:0,0>"});
   const auto on = opened->gantry->move_to(test::at_degrees(1, 13), soon(5s));
   EXPECT_TRUE(on) << on.error().message;
   auto heard = recording_.heard();
@@ -169,11 +182,11 @@ TEST_F(GrblRecorded, AMoveThatLeavesItsWayIsStoppedThere) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(2s)));
-  recording_.answers[move] = "ok\r\n";
-  recording_.reports_after[move] = {
-      "<Run|MPos:0.500,5.000,-1.000|FS:62,0>", "<Run|MPos:90.500,5.100,-1.000|FS:62,0>",
-      "<Run|MPos:0.520,5.200,-1.000|FS:62,0>", "<Run|MPos:4.000,5.300,-1.000|FS:62,0>",
-      "<Run|MPos:4.100,5.400,-1.000|FS:62,0>", "<Run|MPos:99.000,99.000,-1.000|FS:62,0>"};
+  recording_.answer(move, "ok\r\n");
+  recording_.report_after(
+      move, {"<Run|MPos:0.500,5.000,-1.000|FS:62,0>", "<Run|MPos:90.500,5.100,-1.000|FS:62,0>",
+             "<Run|MPos:0.520,5.200,-1.000|FS:62,0>", "<Run|MPos:4.000,5.300,-1.000|FS:62,0>",
+             "<Run|MPos:4.100,5.400,-1.000|FS:62,0>", "<Run|MPos:99.000,99.000,-1.000|FS:62,0>"});
   const auto moved = opened->gantry->move_to(test::at_degrees(3, 12), soon(20s));
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::timed_out);
@@ -188,20 +201,37 @@ TEST_F(GrblRecorded, ASoftLimitIsAlarm2AndSilenceUntilAReset) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(2s)));
-  recording_.answers[move] = "ALARM:2\r\n";
+  recording_.answer(move, "ALARM:2\r\n");
   const auto moved = opened->gantry->move_to(test::at_degrees(3, 12), soon(20s));
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::refused);
   EXPECT_THAT(moved.error().message, HasSubstr("ALARM:2 (soft limit"));
-  recording_.reports_after["reset"] = {"<Alarm|MPos:-1.000,-1.000,-1.000|FS:0,0>"};
+  recording_.report_after("reset", {"<Alarm|MPos:-1.000,-1.000,-1.000|FS:0,0>"});
   EXPECT_TRUE(opened->gantry->clear_fault(soon(2s)));
   EXPECT_FALSE(opened->gantry->status(soon(1s))->homed);
 }
 
+TEST_F(GrblRecorded, AResetInMotionIsAlarm3AndThePositionIsNotBelievedAnyMore) {
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(opened->gantry->home(soon(2s)));
+  EXPECT_TRUE(opened->gantry->status(soon(1s))->homed);
+  recording_.say_after_reset("ALARM:3\r\n" + std::string(banner) + locked);
+  recording_.report_after("reset", {"<Alarm|MPos:0.500,5.000,-1.000|FS:0,0>"});
+  ASSERT_TRUE(opened->gantry->clear_fault(soon(1s)));
+  const auto status = opened->gantry->status(soon(1s));
+  ASSERT_TRUE(status) << status.error().message;
+  EXPECT_FALSE(status->homed);
+  const auto moved = opened->gantry->move_to(test::at_degrees(3, 12), soon(1s));
+  ASSERT_FALSE(moved);
+  EXPECT_EQ(moved.error().code, ErrorCode::refused);
+  EXPECT_THAT(moved.error().message, HasSubstr("not homed"));
+}
+
 TEST_F(GrblRecorded, AHomingThatFailsIsAlarm8AndGCodeIsLockedOutAfterIt) {
-  recording_.answers["$H"] = "ALARM:8\r\n";
-  recording_.reports_after.clear();
-  recording_.answers["M5"] = "error:9\r\n";
+  recording_.answer("$H", "ALARM:8\r\n");
+  recording_.report_after("$H", {"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"});
+  recording_.answer("M5", "error:9\r\n");
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   const auto homed = opened->gantry->home(soon(2s));
@@ -226,7 +256,7 @@ TEST_F(GrblRecorded, SettingsAreReadUntilTwoReadingsAgreeAndNoneThatIsNeededMayL
                                       {"$22=1\r\n", ""}}) {
     std::string damaged = settings;
     damaged.replace(damaged.find(lost), std::string(lost).size(), instead);
-    int readings = 0;
+    std::atomic<int> readings{0};
     test::PtyPeer once([&](std::string_view bytes) {
       std::string said;
       for (std::string part(bytes); !part.empty();) {
@@ -255,7 +285,7 @@ TEST_F(GrblRecorded, SettingsAreReadUntilTwoReadingsAgreeAndNoneThatIsNeededMayL
                                    {"$32=0\r\n", "$32"}}) {
     std::string less = settings;
     less.erase(less.find(lost), std::string(lost).size());
-    recording_.answers["$$"] = less;
+    recording_.answer("$$", less);
     const auto opened = open();
     ASSERT_FALSE(opened) << name;
     EXPECT_EQ(opened.error().code, ErrorCode::refused);
@@ -268,7 +298,7 @@ TEST_F(GrblRecorded, AReportThatLacksAnAxisOfTheRigFileIsNotBelieved) {
   const auto unknown = open('A');
   ASSERT_FALSE(unknown);
   EXPECT_THAT(unknown.error().message, HasSubstr("$123"));
-  recording_.answers["$$"] = "$123=10.000\r\n" + std::string(settings);
+  recording_.answer("$$", "$123=10.000\r\n" + std::string(settings));
   auto opened = open('A');
   ASSERT_TRUE(opened) << opened.error().message;
   const auto status = opened->gantry->status(soon(300ms));
@@ -329,48 +359,6 @@ TEST_F(GrblRecorded, AfterAnErrorGrblHalIsGivenTheEmptyLineThatItWaitsFor) {
   EXPECT_TRUE(moved) << moved.error().message;
   const std::lock_guard lock(mutex);
   EXPECT_EQ(resets, 0) << "the lamp would have gone dark";
-}
-
-// What the simulated controller makes of G-code that our driver never sends: else both could be
-// wrong together.
-TEST(GrblMachine, CountsInWorkCoordinatesUnlessToldOtherwiseAndMovesAtTheFeed) {
-  const auto clock = sim::make_clock(std::numeric_limits<double>::infinity());
-  Rig rig = test::quick_rig();
-  auto world = test::world_of(rig, *clock);
-  GrblGantry backend;
-  backend.letters = {'X', 'Y'};
-  const double degrees = 57.29577951308232;
-  backend.units_per_si = {degrees, degrees};
-  sim::GrblMachine machine(backend, world);
-  const auto pass = [&](std::chrono::milliseconds time) {
-    clock->sleep_until(clock->now() + time, {});
-    return machine.tick();
-  };
-  machine.receive("$H\n");
-  EXPECT_EQ(pass(600s), "ok\r\n");
-  const double home = rig.gantry.model.axes[0].home;
-  const auto azimuth = [&] { return (world->gantry_status().position.axes[0] - home) * degrees; };
-  EXPECT_EQ(machine.receive("G1 X-20\n"), "error:22\r\n") << "no feed yet";
-  EXPECT_EQ(machine.receive("G53 G1 X-20 F600\n"), "ok\r\n");
-  pass(1000ms);
-  EXPECT_NEAR(azimuth(), -10, 1) << "ten units a second";
-  EXPECT_THAT(machine.receive("?"), HasSubstr("<Run|MPos:"));
-  pass(3000ms);
-  EXPECT_NEAR(azimuth(), -20, 1e-6);
-  EXPECT_EQ(machine.receive("X-20\n"), "ok\r\n");
-  pass(3000ms);
-  EXPECT_NEAR(azimuth(), -15, 1e-6) << "in work coordinates, whose zero lies at 5";
-  EXPECT_EQ(machine.receive("G91 X2\n"), "ok\r\n");
-  pass(3000ms);
-  EXPECT_NEAR(azimuth(), -13, 1e-6);
-  EXPECT_EQ(machine.receive("$10=0\n"), "ok\r\n");
-  EXPECT_THAT(machine.receive("?"), HasSubstr("<Idle|WPos:-18.000,3.000,-2.000|FS:0,0"));
-  std::string reports;
-  for (int i = 0; i < 30; ++i) reports += machine.receive("?");
-  EXPECT_THAT(reports, HasSubstr("|WCO:5.000,-3.000,2.000>"));
-  machine.receive("\x18");
-  EXPECT_EQ(machine.receive("G53 G1 X0\n"), "error:22\r\n") << "a reset forgets the feed";
-  EXPECT_EQ(machine.receive("G90\r\n"), "ok\r\nok\r\n");
 }
 
 }  // namespace
