@@ -178,8 +178,22 @@ HttpAnswer Api::retake(const HttpRequest& request, const std::string& id) {
   }};
 }
 
+// As it is now: what the journal's `replanned` events changed is in it.
 HttpAnswer Api::session_plan(const HttpRequest&, const std::string& id) {
-  return HttpLater{[this, id] { return file_of(service_.rig().session_root, id, "plan.json"); }};
+  return HttpLater{[this, id]() -> HttpReply {
+    HttpReply stored = file_of(service_.rig().session_root, id, "plan.json");
+    if (stored.status != 200) return stored;
+    const auto journal = replay_journal(SessionFolder{service_.rig().session_root / id}.journal());
+    if (!journal) return stored;
+    std::vector<Json> changes;
+    for (const JournalEvent& event : journal->events)
+      if (event.event == "replanned") changes.push_back(event.fields);
+    if (changes.empty()) return stored;
+    auto now = with_replanned(stored.body, changes);
+    if (!now) return error_reply(now.error());
+    stored.body = std::move(*now);
+    return stored;
+  }};
 }
 
 HttpAnswer Api::session_result(const HttpRequest&, const std::string& id) {

@@ -56,6 +56,7 @@ bool EventHub::Reader::compose() {
 
 void EventHub::begin_session(const std::string& id) {
   const std::lock_guard lock(mutex_);
+  if (session_ == id) return;
   session_ = id;
   ++epoch_;
   history_.clear();
@@ -66,6 +67,7 @@ void EventHub::begin_session(const std::string& id) {
 
 void EventHub::publish(std::uint64_t sequence, const std::string& event, std::string json) {
   const std::lock_guard lock(mutex_);
+  if (!history_.empty() && sequence <= history_.back().sequence) return;
   history_.push_back(
       {sequence, fmt::format("id: {}\nevent: {}\ndata: {}\n\n", sequence, event, json)});
   if (history_.size() > history_limit) history_.pop_front();

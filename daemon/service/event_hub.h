@@ -48,11 +48,12 @@ class EventHub {
     bool asleep_ = false, heartbeat_due_ = true;
   };
 
-  /// A new session's journal begins: the history, progress and preview of the one before are
-  /// dropped.
+  /// A session's journal begins: the history, progress and preview of the one before are dropped.
+  /// The session that is there already goes on, and so does every reader where it is.
   void begin_session(const std::string& id);
 
-  /// One journal event: `sequence` ascending, `json` one line.
+  /// One journal event: `sequence` ascending, `json` one line. One that was published before is not
+  /// published again.
   void publish(std::uint64_t sequence, const std::string& event, std::string json);
 
   /// The newest value of `name`; `json` one line.

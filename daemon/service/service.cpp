@@ -323,6 +323,10 @@ Result<void> Service::steer(const Caller& caller, const std::string& id, Session
   view.id = id;
   view.folder = folder;
   view.state = std::string(name_of(State::planning));
+  {
+    const std::lock_guard lock(mutex_);
+    if (session_ && session_->id == id) view.curve = session_->curve;
+  }
   auto accepted = submit(
       "resume", caller, event, true,
       [this, folder](SessionControl& control) { return do_resume(control, folder); },

@@ -140,7 +140,12 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
     session_->folder = folder.root;
     session_->progress.shots_total = static_cast<int>(prepared.plan.shots.size());
   }
-  hub_.begin_session(folder.root.filename().string());
+  const std::string id = folder.root.filename().string();
+  hub_.begin_session(id);
+  // A reader of a session that goes on is told it from its beginning.
+  if (auto before = replay_journal(folder.journal()))
+    for (const JournalEvent& event : before->events)
+      hub_.publish(event.sequence, event.event, event_json(id, event));
   // A session given back to wait was set to go on when it was resumed.
   const bool may_begin = snapshot().state == State::capturing
                              ? !control.stop_token().stop_requested()

@@ -267,6 +267,24 @@ Json replanned_json(const Plan& plan, const std::vector<int>& lights) {
   return {{"lights", std::move(list)}, {"visit_order", plan.visit_order}};
 }
 
+Result<std::string> with_replanned(const std::string& plan, const std::vector<Json>& events) {
+  auto json = parse_json(plan);
+  if (!json) return tl::unexpected(with_context("read plan.json", json.error()));
+  for (const Json& event : events) {
+    // Said of the plan as it is, which knows what an event may change.
+    auto known = plan_from_json(json_text(*json));
+    if (!known) return tl::unexpected(known.error());
+    if (auto taken = apply_replanned(event, *known); !taken) return tl::unexpected(taken.error());
+    for (const Json& light : event["lights"]) {
+      Json& changed = (*json)["lights"][light["index"].get<std::size_t>()];
+      changed.update(light);
+      changed.erase("index");
+    }
+    (*json)["visit_order"] = event["visit_order"];
+  }
+  return json_text(*json, 1) + "\n";
+}
+
 Result<void> apply_replanned(const Json& event, Plan& plan) {
   std::string problem;
   const JsonCursor root(event, problem);

@@ -24,6 +24,11 @@ nlohmann::ordered_json replanned_json(const Plan& plan, const std::vector<int>& 
 /// wrong.
 Result<void> apply_replanned(const nlohmann::ordered_json& event, Plan& plan);
 
+/// plan.json's text with the lights and the way as these `replanned` events have left them. Errors:
+/// invalid_input.
+Result<std::string> with_replanned(const std::string& plan,
+                                   const std::vector<nlohmann::ordered_json>& events);
+
 /// Whether a stored plan was made from what was loaded now: the same mesh and the same materials,
 /// by their hashes. Errors: invalid_input naming what differs.
 Result<void> check_made_for(const Plan& plan, const Prepared& prepared);

@@ -84,6 +84,18 @@ TEST(EventHub, TellsAConnectedReaderTheNewSessionFromItsFirstEvent) {
   EXPECT_EQ(listener.drain(), event(1));
 }
 
+TEST(EventHub, TellsNothingTwiceOfASessionThatGoesOn) {
+  EventHub hub;
+  hub.begin_session("a");
+  publish(hub, 1, 2);
+  Listener listener(hub, "a", 0);
+  listener.drain();
+  hub.begin_session("a");  // halted and resumed; a line was written meanwhile
+  publish(hub, 1, 4);
+  EXPECT_EQ(listener.drain(), event(3) + event(4));
+  EXPECT_EQ(Listener(hub, "a", 0).drain(), event(1) + event(2) + event(3) + event(4));
+}
+
 TEST(EventHub, GivesTheSameBytesInPiecesOfAnySize) {
   EventHub hub;
   hub.begin_session("a");

@@ -155,6 +155,10 @@ TEST_F(ServiceStory, ResumesAnAbortedSessionAfterARestart) {
   const Json end = wait_for_state("done");
   EXPECT_EQ(end["session"]["id"], id);
   EXPECT_EQ(end["session"]["shots_done"], end["session"]["shots_total"]);
+  RawConnection events(socket_);
+  events.send("GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_THAT(events.receive("\nid: 2\n", 10s), HasSubstr("\nid: 1\nevent: opened\n"))
+      << "told from its beginning, though another process captured that";
 }
 
 TEST_F(ServiceStory, HomesAndJogsWithinTheTravelOnly) {

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 #include <nlohmann/json.hpp>
 
@@ -71,6 +72,26 @@ TEST(PlanJson, GivesBackEveryNumberOfThePlan) {
   EXPECT_EQ(plan->predicted_capture_time, 61.25);
   EXPECT_EQ(plan->left_out.binning.rays_left_out, 123456789012);
   EXPECT_EQ(plan->left_out.drivers_not_opened, std::vector<std::string>{"modbus"});
+}
+
+TEST(PlanJson, OfASessionThatWasReplannedHoldsTheLightsAsTheyAreNow) {
+  const Prepared before = some_prepared();
+  Prepared after = before;
+  ASSERT_GE(after.plan.shots.size(), 2U);
+  after.plan.shots[1].light.p = {0.1, 0.2, 0.3};
+  after.plan.shots[1].candidate = 0;
+  std::ranges::reverse(after.plan.visit_order);
+  const auto text = with_replanned(plan_to_json({}, {}, before), {replanned_json(after.plan, {1})});
+  ASSERT_TRUE(text) << text.error().message;
+  const auto plan = plan_from_json(*text);
+  ASSERT_TRUE(plan) << plan.error().message;
+  EXPECT_EQ(plan->shots[1].light.p, after.plan.shots[1].light.p);
+  EXPECT_EQ(plan->shots[1].candidate, 0);
+  EXPECT_EQ(plan->shots[0].light.p, before.plan.shots[0].light.p);
+  EXPECT_EQ(plan->visit_order, after.plan.visit_order);
+  EXPECT_FALSE(Json::parse(*text)["lights"][1].contains("index"));
+  EXPECT_FALSE(with_replanned(plan_to_json({}, {}, before),
+                              {Json{{"lights", {{{"index", 99}}}}, {"visit_order", {0}}}}));
 }
 
 TEST(PlanJson, KeepsTheNamesThatScriptsRelyOn) {
