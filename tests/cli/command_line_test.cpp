@@ -178,9 +178,6 @@ TEST_F(CommandLine, RefusesAnEmptyDirectoryOfMaterials) {
 }
 
 TEST_F(CommandLine, ListsWhatIsPluggedInOrSaysWhatItCannotLookFor) {
-  const Outcome words = run(lightrig + " devices");
-  EXPECT_EQ(words.code, 0) << words.err;
-  EXPECT_FALSE(words.out.empty());
   const Outcome listed = run(lightrig + " devices --json");
   EXPECT_EQ(listed.code, 0) << listed.err;
   const Json json = Json::parse(listed.out);
@@ -189,8 +186,8 @@ TEST_F(CommandLine, ListsWhatIsPluggedInOrSaysWhatItCannotLookFor) {
   for (const Json& backend : Json::parse(run(lightrig + " backends --json").out))
     built |= backend.at("name") == "aravis" && backend.at("built").get<bool>();
   if (built) return;
-  EXPECT_THAT(words.out, HasSubstr("cameras: not in this build"));
-  EXPECT_EQ(json.at("problems").size(), 1U);
+  ASSERT_EQ(json.at("problems").size(), 1U);
+  EXPECT_THAT(json.at("problems")[0].get<std::string>(), HasSubstr("cameras: not in this build"));
 }
 
 TEST_F(CommandLine, SaysHowManyFramesASessionStoresAtMost) {
