@@ -322,11 +322,14 @@ void Service::on_event(const JournalEvent& event) {
   };
   if (event.event == "paused") apply(Event::pause, word("reason"), {"", word("why")});
   if (event.event == "resumed") apply(Event::resume);
-  log_.info(event.event, {{"session", session},
-                          {"seq", std::to_string(event.sequence)},
-                          {"shot", word("name")},
-                          {"outcome", word("outcome")},
-                          {"reason", word("reason")}});
+  // Nobody waits for a wrong pose unless the rig file says so: somebody should still read of it.
+  const bool doubtful = event.event == "pose" && !word("reason").empty();
+  log_.write(doubtful ? LogLevel::warning : LogLevel::info, event.event,
+             {{"session", session},
+              {"seq", std::to_string(event.sequence)},
+              {"shot", word("name")},
+              {"outcome", word("outcome")},
+              {"reason", word("reason")}});
   log_.debug("journal", {{"seq", std::to_string(event.sequence)},
                          {"facts", event.fields.is_null() ? "" : json_text(event.fields)}});
 }
