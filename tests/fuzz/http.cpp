@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "config/read_rig.h"
+#include "daemon/service/api.h"
 #include "daemon/service/api_body.h"
 #include "daemon/service/host.h"
 #include "tests/service/raw_http.h"
@@ -56,7 +57,11 @@ struct Served {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static Served served;
   const std::string bytes(data, data + size);
+  for (const Route& route : Api::routes()) (void)check_body(bytes, route.body);
   (void)jog_body(bytes, served.axes);
+  (void)lamp_body(bytes);
+  (void)snap_body(bytes, 1e-5, 2);
+  (void)flag_member(bytes, "force");
   (void)start_body(bytes);
   (void)text_member(bytes, "reason");
   (void)parse_tcp_address(bytes);
