@@ -155,8 +155,10 @@ double range_slack(const Training& training, const std::vector<Fold>& folds) {
     }
     const Eigen::ArrayXd range = above - below;
     const Eigen::ArrayXd outside = (below - low.col(f)).max(high.col(f) - above);
+    // A row where all lie at the floor has a range of rounding alone.
+    const double least_range = 1e-9 * range.maxCoeff();
     for (Eigen::Index r = 0; r < rows; ++r) {
-      if (range[r] > 0) slack = std::max(slack, outside[r] / range[r]);
+      if (range[r] > least_range) slack = std::max(slack, outside[r] / range[r]);
     }
   }
   return std::min(slack, 1.0);

@@ -118,7 +118,9 @@ Result<TimePoint> World::start_axis_homing(std::size_t axis) {
   GantryPosition to{dynamics_.destination()};
   to.axes[static_cast<Eigen::Index>(axis)] = rig_.gantry.model.axes[axis].home;
   const TimePoint rest = dynamics_.move(now, to, homing_speed_share);
-  if (homed) return *(homed_from_ = rest);
+  // All knew where they are: the others stay so.
+  if (homed)
+    for (std::size_t i = 0; i < rig_.gantry.model.axes.size(); ++i) seeking_[i] = now;
   // Those that are still on their way come to rest with this one.
   for (auto& [other, until] : seeking_) until = until > now ? rest : until;
   seeking_[axis] = rest;
@@ -196,9 +198,15 @@ void World::halt_axis(std::size_t axis) {
   AxisValues left = to.axes - motion.position;
   left[row] = 0;
   if (left.cwiseAbs().maxCoeff() == 0) return halt_locked();
-  forget_unfinished_homing(now);
   gantry_commanded();
-  dynamics_.move(now, to);
+  const auto homing = [&](const auto& one) { return now < one.second; };
+  const bool others_home =
+      std::ranges::any_of(seeking_, homing) || (homed_from_ && now < *homed_from_);
+  const auto own = seeking_.find(axis);
+  if (own != seeking_.end() && homing(*own)) seeking_.erase(own);
+  const TimePoint rest = dynamics_.move(now, to, others_home ? homing_speed_share : 1);
+  for (auto& [other, until] : seeking_) until = until > now ? rest : until;
+  if (homed_from_ && now < *homed_from_) homed_from_.reset();
 }
 
 Result<void> World::clear_fault() {

@@ -107,7 +107,7 @@ Result<DeviceClaims> DeviceClaims::take(const Rig& rig) {
                                     "is called; stop it first: two hands on one gantry collide",
                                     endpoint, holder_of(name))
                       : fmt::format("cannot claim {}: {}", endpoint, std::strerror(errno)));
-    (void)listen(fd.get(), 1);  // only so that holder_of() can ask
+    (void)listen(fd.get(), 64);  // only so that holder_of() can ask
     claims.held_.push_back(std::move(fd));
   }
   return claims;

@@ -226,7 +226,8 @@ Result<void> RigAccess::know_obstacles() {
   if (rig_.gantry.solid) {
     auto loaded = load_object(object_);
     if (!loaded)
-      return tl::unexpected(with_context("know where the object stands", loaded.error()));
+      return fail(ErrorCode::refused,  // nothing is wrong with the rig
+                  "know where the object stands: " + loaded.error().message);
     object = std::move(*loaded);
   }
   obstacles_ = obstacles_of(rig_, object ? &object->mesh : nullptr);

@@ -73,13 +73,15 @@ class RigAccess {
   /// A simulated rig makes new noise when a shot is taken anew.
   void set_take(std::uint64_t take);
 
+  /// Loads what jogs keep clear of beside the rig's own volumes: the object, once. Errors: refused,
+  /// where its mesh cannot be read.
+  Result<void> know_obstacles();
   Devices& devices() { return *devices_; }
   Clock& clock() { return *clock_; }
   bool simulated() const { return simulate_; }
 
  private:
   Result<void> all_open() const;  ///< error disconnected where a device is missing
-  Result<void> know_obstacles();
   Result<Devices> open_now(Reopen what);
   Until within(std::chrono::nanoseconds time, const std::stop_token& stop) const;
 

@@ -47,7 +47,8 @@ Service::Service(ServiceSettings settings, const Log& log, EventHub& hub, Livene
       hub_(hub),
       liveness_(liveness),
       preview_(settings_.rig.camera.sensor),
-      access_(settings_.rig, settings_.simulate, settings_.clock_rate) {
+      access_(settings_.rig, settings_.simulate, settings_.clock_rate),
+      object_(settings_.rig.session_defaults.object) {
   look_at_disk();
   tell_state();
   thread_ = std::thread([this] { run(); });
@@ -345,6 +346,11 @@ void Service::abort(const Caller& caller, const std::string& reason) {
     drop_waiting("aborted before it began");
     set_state(*next(state_, Event::abort), reason);
     session_in_hand_ = session_in_hand_ && active_ != nullptr;
+    // One that waited had been given back: nobody else says that it waits no more.
+    if (before == State::paused && active_ == nullptr && session_) {
+      session_->state = std::string(name_of(State::aborted));
+      session_->paused_by.clear();
+    }
   }
   changed_.notify_all();
   log_.warning("abort", {{"while", std::string(name_of(before))},

@@ -185,6 +185,8 @@ class Service {
   // session_thread.cpp: the session thread's own
   void run();
   void execute(const Command& command);
+  Result<void> darken();
+  void tell_from_the_beginning(const SessionFolder& folder);
   Result<std::string> not_begun(const SessionControl& control, const std::string& what);
   void drop_waiting(const std::string& why);  ///< under mutex_: the command that was not begun
   void settle_devices();
@@ -224,7 +226,8 @@ class Service {
   EventHub& hub_;
   Liveness& liveness_;
   Preview preview_;
-  RigAccess access_;  ///< the session thread's
+  RigAccess access_;     ///< the session thread's
+  ObjectConfig object_;  ///< the session thread's: what stands there as far as it was last told
   const SteadyClock::time_point started_ = SteadyClock::now();
 
   mutable std::mutex mutex_;

@@ -71,6 +71,7 @@ Result<std::string> Service::refuse_session(const Error& error) {
 Result<std::string> Service::do_session(SessionControl& control, const std::string& id,
                                         StartRequest request) {
   liveness_.promise(computing_promise);
+  if (auto dark = darken(); !dark) return tl::unexpected(dark.error());
   const Rig& rig = settings_.rig;
   if (auto truth = add_truth(request.spec); !truth) return refuse_session(truth.error());
   const std::stop_token stop = control.stop_token();
@@ -100,6 +101,7 @@ Result<std::string> Service::do_session(SessionControl& control, const std::stri
 
 Result<std::string> Service::do_resume(SessionControl& control, const std::filesystem::path& root) {
   liveness_.promise(computing_promise);
+  if (auto dark = darken(); !dark) return tl::unexpected(dark.error());
   auto record = read_session_folder(root);
   if (!record) return refuse_session(with_context("resume", record.error()));
   if (record->rig.text != settings_.rig.text)
@@ -126,11 +128,21 @@ Result<std::string> Service::finish_resumed(SessionControl& control, const Sessi
     session_->progress.shots_done = static_cast<int>(record.shots.size());
     session_->progress.shots_total = static_cast<int>(record.plan.shots.size());
   }
+  tell_from_the_beginning(record.folder);
   log_.info("resuming", {{"session", record.folder.root.filename().string()},
                          {"at", "its reduction: everything is captured"}});
   if (control.stop_token().stop_requested() || !apply(Event::captured))
     return not_begun(control, "resume");
   return reduce(control, record.folder);
+}
+
+// A reader of a session that goes on is told all of it.
+void Service::tell_from_the_beginning(const SessionFolder& folder) {
+  const std::string id = folder.root.filename().string();
+  hub_.begin_session(id);
+  if (auto before = replay_journal(folder.journal()))
+    for (const JournalEvent& event : before->events)
+      hub_.publish(event.sequence, event.event, event_json(id, event));
 }
 
 Result<std::string> Service::run_session(SessionControl& control, const SessionFolder& folder,
@@ -140,12 +152,7 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
     session_->folder = folder.root;
     session_->progress.shots_total = static_cast<int>(prepared.plan.shots.size());
   }
-  const std::string id = folder.root.filename().string();
-  hub_.begin_session(id);
-  // A reader of a session that goes on is told it from its beginning.
-  if (auto before = replay_journal(folder.journal()))
-    for (const JournalEvent& event : before->events)
-      hub_.publish(event.sequence, event.event, event_json(id, event));
+  tell_from_the_beginning(folder);
   // A session given back to wait was set to go on when it was resumed.
   const bool may_begin = snapshot().state == State::capturing
                              ? !control.stop_token().stop_requested()
@@ -162,6 +169,7 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
     remember(*opened);
   }
   access_.set_object(spec.object);
+  object_ = spec.object;
   liveness_.promise(longest_step());
   const SessionListeners listeners{
       [this](const JournalEvent& event) { on_event(event); },
@@ -278,6 +286,8 @@ Result<std::string> Service::reduce(SessionControl& control, const SessionFolder
   }
   const auto sealed = while_there_is_space(control, folder.root, Event::captured,
                                            [&] { return seal_session(folder); });
+  if (!sealed && control.stop_token().stop_requested())
+    return tl::unexpected(with_context("seal the session", sealed.error()));
   if (!sealed) log_.warning("not_sealed", {{"session", id}, {"reason", sealed.error().message}});
   const auto percent = [](double value) { return fmt::format("{:.2f}", value); };
   const double predicted =
@@ -312,7 +322,8 @@ void Service::on_event(const JournalEvent& event) {
   {
     const std::lock_guard lock(mutex_);
     session = session_->id;
-    if (event.event == "resumed") session_->pause_requested = false;
+    if (event.event == "resumed")
+      session_->pause_requested = active_ != nullptr && active_->pause_requested();
   }
   hub_.publish(event.sequence, event.event, event_json(session, event));
   const auto word = [&](const char* name) {

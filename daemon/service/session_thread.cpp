@@ -52,7 +52,8 @@ void Service::run() {
 Result<std::string> Service::not_begun(const SessionControl& control, const std::string& what) {
   const std::string reason = control.reason() + "; nothing had moved";
   // One that waited before it was resumed waits again; any other is as it was before.
-  const bool waits = snapshot().state == State::capturing;
+  const State now = snapshot().state;
+  const bool waits = now == State::capturing || now == State::paused;
   if (control.halted()) apply(Event::halted, reason, {waits ? "" : "halted", "person"});
   return fail(ErrorCode::stopped, what + ": " + reason);
 }
@@ -129,7 +130,7 @@ void Service::idle_check() {
 
 Result<std::string> Service::do_arm(SessionControl& control) {
   liveness_.promise(short_promise);
-  auto facts = access_.open(settings_.rig.session_defaults.object, control.stop_token());
+  auto facts = access_.open(object_, control.stop_token());
   if (!facts) return tl::unexpected(with_context("arm the rig", facts.error()));
   if (!facts->gantry.alarm.empty()) {
     // Arming is the deliberate act that a latched alarm waits for; one that stays refuses it.
@@ -144,6 +145,9 @@ Result<std::string> Service::do_arm(SessionControl& control) {
     return fail(ErrorCode::refused, fmt::format("arm the rig: interlock {} is open; close it",
                                                 facts->gantry.open_interlocks.front()));
   remember(*facts);
+  // Loaded now, and not while somebody waits for a jog, perhaps with the lamp lit.
+  if (auto known = access_.know_obstacles(); !known)
+    log_.warning("no_jogs", {{"reason", known.error().message}});
   if (!apply_unless_stopped(Event::arm, control))
     return fail(ErrorCode::stopped, "arm the rig: aborted; the rig stays unarmed");
   {
@@ -156,7 +160,19 @@ Result<std::string> Service::do_arm(SessionControl& control) {
   return "the rig is armed";
 }
 
+// A lamp that a person lit for a look burns on its lease, which nobody heeds while the session
+// thread plans or homes.
+Result<void> Service::darken() {
+  if (!access_.is_open()) return {};
+  const auto dark = access_.set_lamp(0, {});
+  if (dark) return {};
+  lamp_unsure(true);
+  apply(Event::fault, dark.error().message);
+  return tl::unexpected(with_context("make the lamp dark first", dark.error()));
+}
+
 Result<std::string> Service::do_home(SessionControl& control) {
+  if (auto dark = darken(); !dark) return tl::unexpected(dark.error());
   liveness_.promise(settings_.rig.gantry.homing_timeout + short_promise);
   auto homed = access_.home(control.stop_token());
   if (!homed) {

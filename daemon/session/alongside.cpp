@@ -76,8 +76,8 @@ std::optional<Alongside::Answer> Alongside::replan(ReplanQuestion question,
 
 Result<PoseFit> Alongside::wait_for_pose(const std::string& shot, const Patience& patience) {
   std::unique_lock lock(mutex_);
-  const bool known = wait(
-      lock, patience, [&] { return pose_ && (pose_of_ == shot || (*pose_ && (*pose_)->told)); });
+  const bool known =
+      wait(lock, patience, [&] { return pose_ && (pose_of_ == shot || !pose_wanted_); });
   if (!known) return fail(ErrorCode::stopped, "looking for the object's pose was stopped");
   return *pose_;
 }

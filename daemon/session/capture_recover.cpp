@@ -148,7 +148,8 @@ Result<void> CaptureRun::pause_for_interlocks(const std::vector<std::string>& na
   const std::string reason = fmt::format("interlock open: {}; close it{}", fmt::join(names, ", "),
                                          by_itself ? "" : " and resume");
   return pause("condition", reason, [&, this](bool word) -> Result<bool> {
-    told = told || word;
+    // Closed, a session that is to stop after its shot takes that shot and stops.
+    told = told || word || t_.control.stop_after_shot_requested();
     const auto now = hand_.status();
     if (!now) return tl::unexpected(now.error());
     const auto time = std::chrono::steady_clock::now();

@@ -52,8 +52,16 @@ Result<void> CaptureRun::replan_after(std::size_t last) {
     if (hand_.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
     return {};
   }
+  Plan before = t_.prepared.plan;
   take_up(t_.rig, t_.spec, answer->changes, done, t_.prepared);
-  predicted_ = capture_time(t_.rig, t_.spec, t_.prepared.plan, &t_.prepared.object.mesh);
+  CaptureTime time = capture_time(t_.rig, t_.spec, t_.prepared.plan, &t_.prepared.object.mesh);
+  // A light that no clear way leads to would end the session: then the plan stands as it was.
+  const auto shut_in = [](const ShotTime& shot) { return shot.way.empty(); };
+  if (std::ranges::any_of(time.shots, shut_in)) {
+    t_.prepared.plan = std::move(before);
+    return {};
+  }
+  predicted_ = std::move(time);
   std::vector<int> lights;
   for (const auto& [index, light] : answer->changes.lights) lights.push_back(index);
   const std::string after = captured_.shots[last].name;

@@ -136,12 +136,13 @@ Result<void> CaptureRun::pause_for_heat() {
 Result<bool> CaptureRun::pause_for_lamp() {
   if (lamp_doubts_ < doubts_before_pause) return false;
   lamp_doubts_ = 0;
-  const auto paused = pause("condition",
-                            lamp_doubt_ +
-                                "; twice in a row: the lamp has possibly failed, though it says it "
-                                "did as told. Look at the lamp and its supply, and resume: the "
-                                "shot is then taken anew",
-                            [](bool word) -> Result<bool> { return word; });
+  const auto paused = pause(
+      "condition",
+      lamp_doubt_ +
+          "; twice in a row: the lamp has possibly failed, though it says it "
+          "did as told. Look at the lamp and its supply, and resume: the "
+          "shot is then taken anew",
+      [this](bool word) -> Result<bool> { return word || t_.control.stop_after_shot_requested(); });
   if (!paused) return tl::unexpected(paused.error());
   return true;
 }

@@ -249,11 +249,13 @@ std::string plan_to_json(const Rig& rig, const SessionSpec& spec, const Prepared
     stages[stage.stage] = stage.seconds;
     total += stage.seconds;
   }
-  json["cost"] = {{"plan_s", total},
-                  {"peak_memory_mib", prepared.peak_memory_mib},
-                  {"predicted_capture_s", plan.predicted_capture_time},
-                  {"predicted_capture_by_lights_s", prepared.capture_by_lights},
-                  {"stages_s", std::move(stages)}};
+  json["cost"] = {
+      {"plan_s", total},
+      {"peak_memory_mib", prepared.peak_memory_mib},
+      {"predicted_capture_s", plan.predicted_capture_time},
+      {"predicted_capture_by_lights_s",
+       prepared.capture_by_lights.empty() ? Json(nullptr) : Json(prepared.capture_by_lights)},
+      {"stages_s", std::move(stages)}};
   return json_text(json, 1) + "\n";
 }
 
@@ -282,6 +284,9 @@ Result<std::string> with_replanned(const std::string& plan, const std::vector<Js
     }
     (*json)["visit_order"] = event["visit_order"];
   }
+  // Of the plan as it was reviewed, whose lights were others.
+  if (!events.empty() && json->contains("cost"))
+    (*json)["cost"]["predicted_capture_by_lights_s"] = nullptr;
   return json_text(*json, 1) + "\n";
 }
 

@@ -247,8 +247,13 @@ int without_way(const CaptureTime& time) {
   return lost == time.shots.end() ? -1 : lost->shot;
 }
 
+Result<void> go_on(const std::stop_token& stop) {
+  if (stop.stop_requested()) return fail(ErrorCode::stopped, "plan: stopped on request");
+  return {};
+}
+
 Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_force,
-                           Prepared& prepared, StageClock& clock) {
+                           const std::stop_token& stop, Prepared& prepared, StageClock& clock) {
   constexpr int most_without_way = 50;  // by then it is the home position that is shut in
   SelectionOptions options;
   options.criterion = spec.plan.criterion;
@@ -264,6 +269,7 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
   plan.stop_value = spec.plan.stop == StopRule::plateau ? spec.plan.plateau : spec.plan.max_lights;
   const Mesh* object = &prepared.object.mesh;
   for (int left_out = 0;; ++left_out) {
+    if (auto next = go_on(stop); !next) return next;
     if (auto laid = lay_plan(rig, spec, options, prepared, clock); !laid) return laid;
     const CaptureTime time = capture_time(rig, spec, plan, object);
     plan.predicted_capture_time = time.total();
@@ -287,6 +293,7 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
         .excluded[static_cast<std::size_t>(plan.shots[static_cast<std::size_t>(shot)].candidate)] =
         1;
   }
+  if (auto next = go_on(stop); !next) return next;
   prepared.capture_by_lights = capture_time_by_lights(rig, spec, plan, object);
   clock.done("route");
   return {};
@@ -297,11 +304,6 @@ void see_turned(const Rig& rig, const SessionSpec& spec, Prepared& prepared) {
   if (!turns_object(rig.gantry.model)) return;
   for (const Shot& shot : prepared.plan.shots)
     prepared.turned_points.push_back(points_seen(rig, spec, prepared, shot.gantry));
-}
-
-Result<void> go_on(const std::stop_token& stop) {
-  if (stop.stop_requested()) return fail(ErrorCode::stopped, "plan: stopped on request");
-  return {};
 }
 
 /// Everything but the choice of lights.
@@ -372,7 +374,7 @@ Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_for
   auto prepared = prepare_scene(rig, spec, brute_force, stop);
   if (!prepared) return prepared;
   StageClock clock(prepared->cost);
-  if (auto chosen = choose_lights(rig, spec, brute_force, *prepared, clock); !chosen) {
+  if (auto chosen = choose_lights(rig, spec, brute_force, stop, *prepared, clock); !chosen) {
     return tl::unexpected(chosen.error());
   }
   see_turned(rig, spec, *prepared);

@@ -14,10 +14,11 @@ namespace lightrig {
 Result<std::unique_ptr<GvSession>> GvSession::open(const Rig& rig, const AravisCamera& backend) {
   auto session = std::unique_ptr<GvSession>(new GvSession(rig, backend));
   for (const auto& step :
-       {&GvSession::connect, &GvSession::load_user_set, &GvSession::configure_features,
-        &GvSession::configure_format, &GvSession::configure_fixed_settings,
-        &GvSession::configure_gain, &GvSession::configure_trigger, &GvSession::configure_witnesses,
-        &GvSession::open_stream, &GvSession::prove_stream}) {
+       {&GvSession::connect, &GvSession::load_user_set, &GvSession::switch_automatics_off,
+        &GvSession::configure_features, &GvSession::configure_format,
+        &GvSession::configure_fixed_settings, &GvSession::configure_gain,
+        &GvSession::configure_trigger, &GvSession::configure_witnesses, &GvSession::open_stream,
+        &GvSession::prove_stream}) {
     if (auto done = (session.get()->*step)(); !done)
       return tl::unexpected(with_context("camera " + backend.id, done.error()));
   }
@@ -164,14 +165,20 @@ Result<void> GvSession::configure_region() {
   return set_offsets(of_the_rig);
 }
 
-Result<void> GvSession::configure_fixed_settings() {
-  // Whatever adjusts itself would make frames incomparable. A model without the feature has nothing
-  // to switch off.
+// Whatever adjusts itself would make frames incomparable, and locks what it adjusts: off before the
+// rig file's own features are set, and after, whatever they are. A model without the feature has
+// nothing to switch off.
+Result<void> GvSession::switch_automatics_off() {
   for (const char* automatic : {"ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto",
                                 "TestPattern", "TestImageSelector"}) {
     if (!has_entry(camera_.get(), automatic, "Off")) continue;
     if (auto set = set_text(camera_.get(), automatic, "Off"); !set) return set;
   }
+  return {};
+}
+
+Result<void> GvSession::configure_fixed_settings() {
+  if (auto off = switch_automatics_off(); !off) return off;
   for (const char* curve : {"GammaEnable", "LUTEnable"})
     if (has_feature(camera_.get(), curve))
       if (auto set = set_off(camera_.get(), curve,

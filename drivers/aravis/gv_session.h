@@ -42,6 +42,7 @@ class GvSession {
   Result<void> configure_features();
   Result<void> configure_format();
   Result<void> configure_region();
+  Result<void> switch_automatics_off();
   Result<void> configure_fixed_settings();
   Result<void> configure_gain();
   Result<void> clear_triggers();

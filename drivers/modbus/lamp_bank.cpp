@@ -10,8 +10,6 @@
 namespace lightrig {
 namespace {
 
-constexpr std::chrono::milliseconds farewell{1000};
-
 /// Which lamp is meant, and the wire to all of them; used by the session thread alone.
 struct LampBank {
   ModbusLamp config;
@@ -84,7 +82,7 @@ class ChosenLamp final : public Lamp {
  public:
   ChosenLamp(std::shared_ptr<LampBank> bank, double most, Clock& clock)
       : bank_(std::move(bank)), most_(most), clock_(clock) {}
-  ~ChosenLamp() override { (void)bank_->light(false, {clock_.now() + farewell, {}}); }
+  ~ChosenLamp() override { (void)bank_->light(false, {clock_.now() + bank_->bus->farewell(), {}}); }
 
   Result<void> set(double power, const Until& until) override {
     if (auto allowed = allowed_power(power, most_); !allowed) return allowed;

@@ -22,7 +22,7 @@ namespace {
 constexpr int silence_in_timeouts = 3;
 constexpr int proofs_before_giving_up = 3;
 /// For the answer to what is sent at any rate: the next unit waits for its own.
-constexpr std::chrono::milliseconds short_patience{100};
+constexpr std::chrono::milliseconds short_patience{150};
 
 std::string name_of(const ModbusBus::Endpoint& endpoint) {
   if (const auto* tcp = std::get_if<TcpEndpoint>(&endpoint))
@@ -184,6 +184,10 @@ Result<void> ModbusBus::connect() {
   return {};
 }
 
+std::chrono::milliseconds ModbusBus::farewell() const {
+  return std::max(std::chrono::milliseconds(1000), 2 * timeout_ + std::chrono::milliseconds(500));
+}
+
 void ModbusBus::set_patience(std::chrono::milliseconds patience) {
   const auto whole = std::chrono::duration_cast<std::chrono::seconds>(patience);
   const auto rest = std::chrono::duration_cast<std::chrono::microseconds>(patience - whole);
@@ -221,6 +225,7 @@ void ModbusBus::clear_line() {
 // second, and its length gives it away.
 Result<void> ModbusBus::prove_in_step(int unit, const std::stop_token& stop) {
   for (int attempt = 0; attempt < proofs_before_giving_up; ++attempt) {
+    out_of_step_ = true;  // an exception is no proof either
     const auto silent = std::chrono::steady_clock::now() + silence_in_timeouts * timeout_;
     while (std::chrono::steady_clock::now() < silent) {
       if (stop.stop_requested()) return fail(ErrorCode::stopped, name_ + ": stopped on request");
@@ -301,7 +306,7 @@ Result<ModbusBus::Values> ModbusBus::send(int unit, RegisterTable table, int add
   clear_line();
   if (modbus_set_slave(context_.get(), unit) != 0)
     return fail(ErrorCode::invalid_input, fmt::format("{}: unit {} does not exist", name_, unit));
-  if (rtu_) set_patience(std::min(timeout_, short_patience));
+  set_patience(std::min(timeout_, short_patience));
   Result<Values> done = write_now(unit, table, address, values, multiple);
   if (context_ && connected_) set_patience(timeout_);
   out_of_step_ = out_of_step_ || doubtful;
@@ -313,11 +318,20 @@ void ModbusBus::keep_alive(std::vector<Place> places, std::chrono::milliseconds 
     // A wire that broke or fell out of step is mended meanwhile: connecting and proving only read.
     // A dead unit is given up as a call would give it up, and the others are fed; where that takes
     // longer than their watchdogs' time, those end in what is safe.
+    const auto feed = [&](const Place& place) {
+      return ready(place.unit, stop).and_then([&]() -> Result<void> {
+        auto read = read_now(place.unit, place.table, place.address, place.count);
+        return read ? Result<void>() : tl::unexpected(read.error());
+      });
+    };
+    std::vector<Place> hungry;
     for (const Place& place : places) {
       if (stop.stop_requested()) return;
-      if (ready(place.unit, stop))
-        (void)read_now(place.unit, place.table, place.address, place.count);
+      if (!feed(place)) hungry.push_back(place);
     }
+    // Once more at once: a request that was lost must not cost another wait.
+    for (const Place& place : hungry)
+      if (!stop.stop_requested()) (void)feed(place);
   });
 }
 

@@ -70,6 +70,9 @@ class ModbusBus {
   void keep_alive(std::vector<Place> places, std::chrono::milliseconds every);
 
   const std::string& name() const { return name_; }
+  /// How long a last word may take (a stop, a lamp's 0): the call in progress ends within its
+  /// timeout, then the word goes out and is answered.
+  std::chrono::milliseconds farewell() const;
 
  private:
   using Values = std::vector<std::uint16_t>;

@@ -185,16 +185,23 @@ Result<void> ModbusDriveDevice::put(const Trigger& trigger, std::int64_t value, 
 Result<void> ModbusDriveDevice::begin(const ProfileCommand& command,
                                       const std::vector<RegisterWrite>& writes, const Until& until,
                                       Delivery delivery) {
+  Result<void> all;
+  const auto go_on_after = [&](const Result<void>& done) {
+    if (!done && all) all = done;
+    // Of what is sent at any rate the rest is sent too: no answer need not mean not heard.
+    return done || delivery == Delivery::sent_only;
+  };
   for (const RegisterWrite& write : writes)
-    if (auto done = bus_.write(config_.unit, write.table, write.address, write.words,
-                               write.multiple, until, delivery);
-        !done)
-      return done;
+    if (!go_on_after(bus_.write(config_.unit, write.table, write.address, write.words,
+                                write.multiple, until, delivery)))
+      return all;
   const Trigger& trigger = command.trigger;
-  if (trigger.style == TriggerStyle::implicit) return {};
-  if (trigger.style == TriggerStyle::edge)
-    if (auto done = put(trigger, trigger.clear, until, delivery); !done) return done;
-  return put(trigger, trigger.set, until, delivery);
+  if (trigger.style == TriggerStyle::implicit) return all;
+  if (trigger.style == TriggerStyle::edge &&
+      !go_on_after(put(trigger, trigger.clear, until, delivery)))
+    return all;
+  go_on_after(put(trigger, trigger.set, until, delivery));
+  return all;
 }
 
 Result<void> ModbusDriveDevice::end(const ProfileCommand& command, const Until& until,

@@ -20,7 +20,6 @@ namespace {
 constexpr std::chrono::milliseconds poll_interval{20};
 /// In the middle of a long move, where nothing but an alarm can come.
 constexpr std::chrono::milliseconds slow_poll_interval{100};
-constexpr std::chrono::milliseconds farewell{1000};
 /// Besides the profile's minimum delay: brakes, ramps.
 constexpr std::chrono::milliseconds stall_patience{2000};
 /// From being switched on, or from the end of a motion, until a drive says that it is ready: a
@@ -43,11 +42,16 @@ void ModbusGantryDevice::tell_to_stop() {
 
 void ModbusGantryDevice::tell_to_stop(const std::vector<ModbusDriveDevice*>& drives) const {
   const ProfileCommand& stop = controller_->profile.stop;
-  const auto told = [&] { return Until{clock_.now() + farewell, {}}; };
-  // All are told before the first pulse ends.
+  const auto told = [&] { return Until{clock_.now() + drives.front()->bus()->farewell(), {}}; };
+  const auto tell = [&](ModbusDriveDevice* drive) {
+    const auto writes = composed(drive->config(), stop, {});
+    return !writes || drive->begin(stop, *writes, told(), Delivery::sent_only).has_value();
+  };
+  // All are told before the first pulse ends; whoever did not answer once more, after the others.
+  std::vector<ModbusDriveDevice*> silent;
   for (ModbusDriveDevice* drive : drives)
-    if (const auto writes = composed(drive->config(), stop, {}))
-      (void)drive->begin(stop, *writes, told(), Delivery::sent_only);
+    if (!tell(drive)) silent.push_back(drive);
+  for (ModbusDriveDevice* drive : silent) (void)tell(drive);
   if (stop.trigger.style == TriggerStyle::implicit || stop.trigger.style == TriggerStyle::value)
     return;
   clock_.sleep_until(clock_.now() + stop.trigger.pulse, {});

@@ -10,14 +10,12 @@
 namespace lightrig {
 namespace {
 
-constexpr std::chrono::milliseconds farewell{1000};
-
 class ModbusLampDevice final : public Lamp {
  public:
   ModbusLampDevice(const ModbusLamp& config, double most, Clock& clock,
                    std::shared_ptr<ModbusBus> bus)
       : config_(config), most_(most), clock_(clock), bus_(std::move(bus)) {}
-  ~ModbusLampDevice() override { (void)set(0, {clock_.now() + farewell, {}}); }
+  ~ModbusLampDevice() override { (void)set(0, {clock_.now() + bus_->farewell(), {}}); }
 
   Result<void> set(double power, const Until& until) override {
     if (auto allowed = allowed_power(power, most_); !allowed) return allowed;

@@ -12,15 +12,15 @@
 namespace lightrig {
 namespace {
 
-constexpr std::chrono::milliseconds farewell{1000};
-
 /// The lamp on a digital output of the gantry's controller (its first drive).
 class OutputLamp final : public Lamp {
  public:
   OutputLamp(ProfileOutput output, double most, Clock& clock,
              std::shared_ptr<ModbusController> controller)
       : output_(output), most_(most), clock_(clock), controller_(std::move(controller)) {}
-  ~OutputLamp() override { (void)set(0, {clock_.now() + farewell, {}}); }
+  ~OutputLamp() override {
+    (void)set(0, {clock_.now() + controller_->drives.front().bus()->farewell(), {}});
+  }
   Result<void> set(double power, const Until& until) override {
     if (auto allowed = allowed_power(power, most_); !allowed) return allowed;
     auto done = controller_->drives.front().set_output(output_, power, until);
@@ -74,7 +74,7 @@ Result<void> watchdog_outlasts_recovery(const ModbusGantry& backend) {
 void darken(const Rig& rig, ModbusController& controller, Clock& clock) {
   if (const auto* unit = std::get_if<ModbusLamp>(&rig.lamp.backend)) {
     const auto bus = controller.buses.find(wire_of(unit->endpoint));
-    if (bus != controller.buses.end())  // that it is opened is that it goes dark
+    if (bus != controller.buses.end() && bus->second)  // that it is opened is that it goes dark
       (void)make_modbus_lamp(
           rig, *unit, clock,
           std::shared_ptr<ModbusBus>(std::shared_ptr<void>(), bus->second.get()));
@@ -82,8 +82,9 @@ void darken(const Rig& rig, ModbusController& controller, Clock& clock) {
   const auto* lamp = std::get_if<GantryLamp>(&rig.lamp.backend);
   if (lamp == nullptr || controller.drives.empty()) return;
   const auto output = controller.profile.outputs.find(lamp->output);
-  if (output != controller.profile.outputs.end())
-    (void)controller.drives.front().set_output(output->second, 0, {clock.now() + farewell, {}});
+  if (output == controller.profile.outputs.end()) return;
+  ModbusDriveDevice& first = controller.drives.front();
+  (void)first.set_output(output->second, 0, {clock.now() + first.bus()->farewell(), {}});
 }
 
 }  // namespace
@@ -101,7 +102,10 @@ Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, C
     if (!bus) {
       auto connected =
           ModbusBus::open(drive.endpoint, backend.timeout, controller->profile.frame_gap, clock);
-      if (!connected) return tl::unexpected(connected.error());
+      if (!connected) {
+        darken(rig, *controller, clock);
+        return tl::unexpected(connected.error());
+      }
       bus = std::move(*connected);
     }
     ModbusDriveDevice device(controller->profile, drive, *bus, clock);

@@ -76,7 +76,7 @@ Result<std::optional<grbl::Line>> GrblLink::next_line(const Until& until) {
 
 // Reports and oks carry no number: what came unasked, late or twice is thrown away before the next
 // question, so that it can never be taken for its answer. Alarms in it are remembered.
-Result<void> GrblLink::forget_what_came(std::chrono::milliseconds quiet) {
+Result<void> GrblLink::forget_what_came(std::chrono::milliseconds quiet, const Until& until) {
   using std::chrono::steady_clock;
   bool restarted = false;
   auto quiet_until = steady_clock::now() + quiet;
@@ -92,6 +92,11 @@ Result<void> GrblLink::forget_what_came(std::chrono::milliseconds quiet) {
     lines_.add(*bytes);
     if (!bytes->empty()) quiet_until = steady_clock::now() + quiet;
     if (bytes->empty() && steady_clock::now() >= quiet_until) break;
+    if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
+    if (clock_->now() >= until.deadline)
+      return fail(ErrorCode::timed_out,
+                  "the controller does not stop talking: is another program's "
+                  "automatic report on?");
   }
   lines_.clear();
   if (!restarted) return {};
@@ -107,7 +112,7 @@ Result<void> GrblLink::begin(const std::string& text, const Until& until) {
   if (until.stop.stop_requested()) return fail(ErrorCode::stopped, "stopped on request");
   if (clock_->now() >= until.deadline)
     return fail(ErrorCode::timed_out, fmt::format("\"{}\": no time left to send it", text));
-  if (auto clean = forget_what_came({}); !clean) return clean;
+  if (auto clean = forget_what_came({}, until); !clean) return clean;
   if (mute()) return halted();
   in_step_ = false;
   return send(text + "\n");
@@ -201,7 +206,7 @@ Result<grbl::StatusReport> GrblLink::status(const Until& until) {
   if (clock_->now() >= until.deadline)
     return fail(ErrorCode::timed_out, "no time left to ask for a status report");
   const auto quiet = report_owed_ ? quiet_after_silence : std::chrono::milliseconds(0);
-  if (auto clean = forget_what_came(quiet); !clean) return tl::unexpected(clean.error());
+  if (auto clean = forget_what_came(quiet, until); !clean) return tl::unexpected(clean.error());
   if (mute()) return halted();
   report_owed_ = true;
   int asked = 0;

@@ -56,7 +56,7 @@ class GrblLink {
   GrblLink(Wire wire, std::size_t axes, Clock& clock)
       : wire_(std::move(wire)), axes_(axes), clock_(&clock) {}
   Result<std::optional<grbl::Line>> next_line(const Until& until);
-  Result<void> forget_what_came(std::chrono::milliseconds quiet);
+  Result<void> forget_what_came(std::chrono::milliseconds quiet, const Until& until);
   Result<void> send(std::string_view bytes);
   Result<void> begin(const std::string& line, const Until& until);
   void acknowledge_error(const Until& until);

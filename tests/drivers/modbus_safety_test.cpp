@@ -196,6 +196,22 @@ TEST_P(ModbusSharedLine, AStopAfterALostAnswerDoesNotWaitForTheWireToBeInStep) {
   EXPECT_TRUE(comes_to_rest()) << "the way takes nine seconds: a drive was not told";
 }
 
+// timeout_ms and watchdog as config/wire_modbus_rtu.toml has them.
+TEST_P(ModbusSharedLine, OneLostKeepAliveDoesNotSetOffTheWatchdog) {
+  backend_.timeout = 300ms;
+  ASSERT_NO_FATAL_FAILURE(host());
+  hosted_.clear();
+  ASSERT_NO_FATAL_FAILURE(fail_unit(0));
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(faults_->add(sim::parse_wire_fault("silence unit=1").value()));
+  std::this_thread::sleep_for(3s);
+  EXPECT_EQ(faults_->struck().size(), 1U);
+  const auto status = opened->gantry->status(soon(3s));
+  ASSERT_TRUE(status) << status.error().message;
+  EXPECT_EQ(status->alarm, "");
+}
+
 TEST_P(ModbusSafety, EveryLampOfABankIsMadeDark) {
   Rig bank = rig_;
   bank.gantry.model.kinematics =

@@ -24,7 +24,7 @@ inline bool in_umockdevs_bed() {
 inline void pass_in_umockdevs_bed() {
   const auto* info = testing::UnitTest::GetInstance()->current_test_info();
   const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
-  FILE* pipe = popen(fmt::format("LD_PRELOAD={} timeout 120 {} --gtest_filter={}.{} 2>&1",
+  FILE* pipe = popen(fmt::format("LD_PRELOAD={} timeout 280 {} --gtest_filter={}.{} 2>&1",
                                  umockdev_preload, self, info->test_suite_name(), info->name())
                          .c_str(),
                      "r");
