@@ -147,6 +147,24 @@ Result<std::vector<RegisterWrite>> composed(const ModbusDrive& config,
   return writes;
 }
 
+Result<void> can_hold_limits(const ModbusDrive& config, const ProfileCommand& move,
+                             double max_speed, double max_acceleration) {
+  for (const ProfileWrite& write : move.writes) {
+    if (write.quantity == Quantity::constant || write.quantity == Quantity::position) continue;
+    const RegisterItem& item = write.item;
+    const double raw =
+        value_of(config, write, {0, max_speed, max_acceleration}) * item.scale + item.offset;
+    if (raw >= 1 && raw <= range_of(item.type).most) continue;
+    return fail(
+        ErrorCode::invalid_input,
+        fmt::format("axis {}: its greatest {} is {:.3g} in the units of register {:#06x}, "
+                    "which holds 1 … {:.0f}: the drive could not keep to it",
+                    config.axis, write.quantity == Quantity::speed ? "speed" : "acceleration", raw,
+                    item.address, range_of(item.type).most));
+  }
+  return {};
+}
+
 Result<void> ModbusDriveDevice::prepare(const Until& until) {
   if (profile_.known) {
     const RegisterItem& item = profile_.known->item;

@@ -55,6 +55,11 @@ struct DriveMove {
 Result<std::vector<RegisterWrite>> composed(const ModbusDrive& config,
                                             const ProfileCommand& command, const DriveMove& move);
 
+/// Whether the drive's registers can hold the limits of its axis [rad/s, rad/s² or m/s, m/s²]: what
+/// is less than one unit of them could only be exceeded. Errors: invalid_input.
+Result<void> can_hold_limits(const ModbusDrive& config, const ProfileCommand& move,
+                             double max_speed, double max_acceleration);
+
 /// What a drive says of itself, in one look; what its profile has no bit for is as it stands here.
 struct DriveStatus {
   double position = 0;  ///< [rad] or [m]

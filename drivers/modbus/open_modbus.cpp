@@ -92,6 +92,13 @@ void darken(const Rig& rig, ModbusController& controller, Clock& clock) {
 Result<GantryAndLamp> open_gantry(const Rig& rig, const ModbusGantry& backend, Clock& clock) {
   if (auto sound = watchdog_outlasts_recovery(backend); !sound)
     return tl::unexpected(sound.error());
+  for (const ModbusDrive& drive : backend.drives)
+    for (const Axis& axis : rig.gantry.model.axes)
+      if (axis.name == drive.axis)
+        if (auto held = can_hold_limits(drive, backend.controller.move, axis.max_speed,
+                                        axis.max_acceleration);
+            !held)
+          return tl::unexpected(held.error());
   auto controller = std::make_shared<ModbusController>();
   controller->profile = backend.controller;
   GantryAndLamp opened;

@@ -111,6 +111,21 @@ TEST(ModbusWords, OfASlowAxisAreAtLeastOneUnitAndAtMostWhatTheRegisterHolds) {
   EXPECT_THAT(words(1e-6, 1e-6), ElementsAre(1, 0, 1592, 1, 65535, 65535, 0, 0x10));
 }
 
+TEST(ModbusWords, RefuseLimitsThatTheRegistersCannotHold) {
+  const ControllerProfile profile = profile_of("leadshine_pr.toml");
+  ModbusDrive config;
+  config.axis = "azimuth";
+  config.counts_per_si = 10000 / 6.283185307179586;
+  config.counts_per_rev = 10000;
+  EXPECT_TRUE(can_hold_limits(config, profile.move, 1, 100));
+  const auto slow = can_hold_limits(config, profile.move, 0.05, 100);
+  ASSERT_FALSE(slow) << "half a revolution a minute";
+  EXPECT_THAT(slow.error().message, HasSubstr("greatest speed is 0.477"));
+  const auto lazy = can_hold_limits(config, profile.move, 1, 1);
+  ASSERT_FALSE(lazy);
+  EXPECT_THAT(lazy.error().message, HasSubstr("greatest acceleration is 1.05e+05"));
+}
+
 TEST(ModbusSpans, JoinWhatTouchesAndNothingElse) {
   using T = RegisterTable;
   const auto joined_of = [](std::vector<RegisterSpan> spans) {
