@@ -1,8 +1,9 @@
 // How long a motion command takes from the call to its bytes on the wire, and what polling a move
 // costs. The real Modbus TCP driver in one process, the simulated controller in another, a loopback
 // of their own; when bytes were on the wire is the kernel's own time stamp of the packet, seen by a
-// raw socket. A move_to() first asks where the drives are and what forbids motion (two drives:
-// eight round trips), then writes: both the first byte and the motion write itself are stated.
+// raw socket. A move_to() first asks where the drives are and what forbids motion (two drives and a
+// door: three round trips), then writes: stated are the first byte, the motion write itself, and
+// what of that is the driver's own, without the controller's time for its answers.
 //   wire_latency [--count N]
 #include <arpa/inet.h>
 #include <fmt/format.h>
@@ -62,12 +63,13 @@ Rig rig_of_bench() {
   return rig;
 }
 
-/// Requests to the controller as the kernel saw them.
+/// Requests to the controller and its answers as the kernel saw them.
 class Sniffer {
  public:
   struct Seen {
     double time_us = 0;
     std::uint8_t function = 0;
+    bool answer = false;
   };
   // What goes out is shown to sockets of every protocol alone, not to those of one.
   Sniffer() : socket_(socket(AF_PACKET, SOCK_DGRAM, htons(ETH_P_ALL))) {
@@ -107,8 +109,10 @@ class Sniffer {
       return;
     const std::size_t ip = std::size_t{4} * (bytes[0] & 0x0fU);
     const std::size_t data = ip + std::size_t{4} * (bytes[ip + 12] >> 4U);
+    const int source = (bytes[ip] << 8) | bytes[ip + 1];
     const int destination = (bytes[ip + 2] << 8) | bytes[ip + 3];
-    if (bytes[9] != IPPROTO_TCP || destination != port || data + 8 > static_cast<std::size_t>(got))
+    if (bytes[9] != IPPROTO_TCP || (destination != port && source != port) ||
+        data + 8 > static_cast<std::size_t>(got))
       return;
     for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
       if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SO_TIMESTAMPNS) continue;
@@ -117,7 +121,7 @@ class Sniffer {
       const double us =
           1e6 * static_cast<double>(time.tv_sec % 100000) + static_cast<double>(time.tv_nsec) / 1e3;
       const std::lock_guard lock(mutex_);
-      seen_.push_back({us, bytes[data + 7]});
+      seen_.push_back({us, bytes[data + 7], source == port});
     }
   }
 
@@ -172,7 +176,7 @@ void measure(int count, const Rig& rig) {
   const auto soon = [&](std::chrono::seconds time) { return Until{clock.now() + time, {}}; };
   if (auto homed = opened->gantry->home(soon(60s)); !homed) die(homed.error().message);
 
-  std::vector<double> first, motion;
+  std::vector<double> first, motion, own;
   {
     Sniffer sniffer;
     for (int i = 0; i < count; ++i) {
@@ -187,9 +191,18 @@ void measure(int count, const Rig& rig) {
           if (one.time_us >= called && good(one)) return one.time_us - called;
         die("a packet was not seen");
       };
-      first.push_back(after([](const Sniffer::Seen&) { return true; }));
-      motion.push_back(
-          after([](const Sniffer::Seen& one) { return one.function == write_registers; }));
+      first.push_back(after([](const Sniffer::Seen& one) { return !one.answer; }));
+      motion.push_back(after(
+          [](const Sniffer::Seen& one) { return !one.answer && one.function == write_registers; }));
+      // The driver's own part: less what the controller took for its answers.
+      double mine = 0, since = called;
+      for (const Sniffer::Seen& one : seen) {
+        if (one.time_us < called) continue;
+        if (!one.answer) mine += one.time_us - since;
+        if (!one.answer && one.function == write_registers) break;
+        since = one.time_us;
+      }
+      own.push_back(mine);
     }
   }
   const double cpu = cpu_seconds();
@@ -207,13 +220,14 @@ void measure(int count, const Rig& rig) {
   };
   row("first byte (where are you?)", first);
   row("motion write, after the status of two drives", motion);
+  row("the same less the controller's own time", own);
   std::printf("polling a move of %.1f s: %.2f %% of one core, driver's process alone\n", wall,
               percent);
   std::printf(
       "moves=%d first_p50_us=%.0f first_p99_us=%.0f motion_p50_us=%.0f motion_p99_us=%.0f "
-      "poll_cpu_percent=%.2f\n",
+      "own_p50_us=%.0f own_p99_us=%.0f poll_cpu_percent=%.2f\n",
       count, quantile(first, 0.5), quantile(first, 0.99), quantile(motion, 0.5),
-      quantile(motion, 0.99), percent);
+      quantile(motion, 0.99), quantile(own, 0.5), quantile(own, 0.99), percent);
 }
 
 }  // namespace
