@@ -8,6 +8,7 @@
 //
 //     pose_cases --help
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
 
@@ -28,6 +29,7 @@
 #include "daemon/session/capture_time.h"
 #include "daemon/session/lit_sites.h"
 #include "daemon/session/pose_check.h"
+#include "daemon/session/session_folder.h"
 #include "sim/sensor_noise.h"
 #include "sim/shading.h"
 #include "sim/truth.h"
@@ -40,10 +42,10 @@ using namespace lightrig;
 constexpr double degree = std::numbers::pi / 180;
 
 struct Options {
-  int cases = 100, width = 640;
+  int cases = 100, begin = 0, width = 640, lights = 0, shot = -1, stride = 0;
   unsigned seed = 1;
-  std::string shape = "all", material;
-  bool first = false, verbose = false;
+  std::string shape = "all", material, session;
+  bool first = false, verbose = false, right_only = false;
 };
 
 struct Scene {
@@ -52,7 +54,8 @@ struct Scene {
   Prepared prepared;
 };
 
-Scene scene_of(const std::string& shape, int width) {
+Scene scene_of(const std::string& shape, const Options& options) {
+  const int width = options.width;
   auto rig = read_rig(std::string(test::source_dir) + "/config/demo.toml");
   Rig r = *rig.value;
   CameraModel& camera = r.camera.model;
@@ -66,7 +69,8 @@ Scene scene_of(const std::string& shape, int width) {
   auto spec = *read_session("", r).value;
   spec.object.shape = shape;
   spec.plan.random_baseline = false;
-  spec.plan.pixel_stride = std::max(1, width / 160);
+  if (options.lights > 0) spec.plan.max_lights = options.lights;
+  spec.plan.pixel_stride = options.stride > 0 ? options.stride : std::max(1, width / 160);
   auto prepared = prepare(r, spec);
   if (!prepared) {
     fmt::print("{}: {}\n", shape, prepared.error().message);
@@ -142,6 +146,15 @@ struct Tally {
 
 double cpu_seconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
+void print_fit(const char* what, const std::string& name, const PoseFit& fit, double seconds) {
+  fmt::print(
+      "  {:8} {:28} off {:.2f} sure {:.2f} turn {:.2f}° shift {:.2f} mm deviations {:.2f} overlap "
+      "{:.4f} unexplained {:.3f} blocks {} {}{:.2f} s\n",
+      what, name, fit.off, fit.sure, fit.turn.norm() / degree, 1000 * fit.shift.norm(),
+      fmt::join(fit.deviation.data(), fit.deviation.data() + fit.deviation.size(), " "),
+      fit.overlap, fit.unexplained, fit.blocks, fit.told ? "" : "UNTOLD ", seconds);
+}
+
 std::optional<bool> told(const Scene& scene, int shot, const BuiltinMaterial& material,
                          const Eigen::Isometry3d& motion, std::uint64_t seed,
                          const Options& options, const char* what, Tally& tally) {
@@ -152,14 +165,7 @@ std::optional<bool> told(const Scene& scene, int shot, const BuiltinMaterial& ma
   tally.seconds += seconds;
   ++tally.fits;
   if (options.verbose)
-    fmt::print(
-        "  {:8} shot {} {:28} off {:.2f} sure {:.2f} turn {:.2f}° shift {:.2f} mm deviations "
-        "{:.2f} {:.2f} {:.2f} {:.2f} {:.2f} {:.2f} overlap "
-        "{:.4f} unexplained {:.3f} blocks {} {} {:.2f} s\n",
-        what, shot, material.name, fit.off, fit.sure, fit.turn.norm() / degree,
-        1000 * fit.shift.norm(), fit.deviation[0], fit.deviation[1], fit.deviation[2],
-        fit.deviation[3], fit.deviation[4], fit.deviation[5], fit.overlap, fit.unexplained,
-        fit.blocks, fit.told ? "" : "UNTOLD", seconds);
+    print_fit(what, fmt::format("shot {} {}", shot, material.name), fit, seconds);
   if (!fit.told) return std::nullopt;
   return wrong(fit);
 }
@@ -198,15 +204,47 @@ std::vector<BuiltinMaterial> materials_of(const Options& options) {
   return materials;
 }
 
+/// Every captured shot of a session's folder, judged as if it had been the first.
+int judge_session(const std::string& folder) {
+  const auto record = read_session_folder(folder);
+  const auto prepared = record ? prepare_with_plan(record->rig, record->spec, record->plan)
+                               : Result<Prepared>(tl::unexpected(record.error()));
+  if (!prepared) {
+    fmt::print(stderr, "{}\n", prepared.error().message);
+    return 1;
+  }
+  for (const CapturedShot& shot : record->shots) {
+    const double begin = cpu_seconds();
+    const auto fit = check_pose(record->rig, *prepared, record->folder, shot);
+    if (fit)
+      print_fit(shot.name.c_str(), wrong(*fit) ? "wrong" : "as modelled", *fit,
+                cpu_seconds() - begin);
+    else
+      fmt::print("  {}: {}\n", shot.name, fit.error().message);
+  }
+  return 0;
+}
+
+/// Where in the route to begin: with the light that is asked for, as a session does, or anywhere.
+std::size_t first_light(const Scene& scene, const Options& options, std::mt19937_64& random) {
+  const std::vector<int>& order = scene.prepared.plan.visit_order;
+  const std::size_t any = random() % order.size();
+  if (options.shot < 0) return options.first ? 0 : any;
+  const auto found = std::ranges::find(order, options.shot);
+  if (found != order.end()) return static_cast<std::size_t>(found - order.begin());
+  fmt::print(stderr, "--shot: the plan has the lights 0 to {}\n", order.size() - 1);
+  std::exit(1);
+}
+
 Tally run(const std::string& shape, const Options& options) {
-  const Scene scene = scene_of(shape, options.width);
+  const Scene scene = scene_of(shape, options);
   const Box box = box_of(scene.prepared.object.mesh);
   const auto materials = materials_of(options);
   Tally tally;
-  for (int i = 0; i < options.cases; ++i) {
+  for (int i = options.begin; i < options.begin + options.cases; ++i) {
     std::mt19937_64 random(options.seed * 1000003U + static_cast<unsigned>(i));
     const BuiltinMaterial& material = materials[random() % materials.size()];
-    const std::size_t first = options.first ? 0 : random() % scene.prepared.plan.shots.size();
+    const std::size_t first = first_light(scene, options, random);
     const Eigen::Vector3d axis = axis_for(shape, random), way = somewhere(random);
     const Eigen::Isometry3d right = Eigen::Isometry3d::Identity();
     const Eigen::Isometry3d turn = about(box.middle, Eigen::AngleAxisd(degree, axis));
@@ -219,6 +257,7 @@ Tally run(const std::string& shape, const Options& options) {
     ++tally.right;
     tally.false_flags += wrongly ? 1 : 0;
     if (wrongly) fmt::print("{} case {}: a right pose is flagged\n", shape, i);
+    if (options.right_only) continue;
     const Eigen::Vector3d seen = scene.rig.camera.model.camera_from_world.linear() * axis;
     if (shape != "sphere") {
       ++tally.turned;
@@ -256,6 +295,9 @@ int main(int argc, char** argv) {
   app.add_option("--cases", options.cases, "of each shape: each lies right, is turned, is shifted")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
+  app.add_option("--begin", options.begin, "the first case's number")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
   app.add_option("--seed", options.seed)->capture_default_str();
   app.add_option("--shape", options.shape)
       ->check(CLI::IsMember({"teapot", "torus", "cylinder", "sphere", "plane", "all"}))
@@ -268,8 +310,18 @@ int main(int argc, char** argv) {
   app.add_flag("--first", options.first,
                "begin with the light that the plan's route visits first, as a session does; "
                "otherwise with any");
+  app.add_option("--lights", options.lights,
+                 "of the plan, any of which may be looked at; as config/demo.toml has it")
+      ->check(CLI::Range(1, 400));
+  app.add_option("--stride", options.stride, "of the pixels that the plan is made for");
+  app.add_option("--shot", options.shot, "begin with this light of the plan");
+  app.add_flag("--right-only", options.right_only,
+               "no wrong poses: how often is a right one flagged?");
   app.add_flag("--verbose", options.verbose, "a line for every fit");
+  app.add_option("--session", options.session,
+                 "no cases: judge every captured shot of this session folder");
   CLI11_PARSE(app, argc, argv);
+  if (!options.session.empty()) return judge_session(options.session);
   std::vector<std::string> shapes{options.shape};
   if (options.shape == "all") shapes = {"teapot", "torus", "cylinder", "sphere", "plane"};
   Tally all;

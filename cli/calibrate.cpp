@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <optional>
 #include <thread>
 
 #include "cli/json_fields.h"
@@ -23,6 +24,15 @@ CalibrationTarget target_of(const CalibrateOptions& options) {
   target.square = options.square_mm / 1000;
   target.marker = options.marker_mm / 1000;
   return target;
+}
+
+std::optional<BoardPlace> board_of(const CalibrateOptions& options) {
+  if (options.board_origin.empty()) return std::nullopt;
+  const auto vector = [](const std::vector<double>& three) {
+    return Eigen::Vector3d(three[0], three[1], three[2]);
+  };
+  return BoardPlace{options.board_image, vector(options.board_origin),
+                    vector(options.board_columns), vector(options.board_rows)};
 }
 
 std::string camera_words(const CalibrationRun& run) {
@@ -50,11 +60,14 @@ std::string camera_words(const CalibrationRun& run) {
   const Eigen::Vector3d up = -eye.linear().col(1);
   words += fmt::format(
       "\nrms {:.3f} px, noise {:.3f} px per coordinate, {:.0f} % of the picture covered\n"
-      "camera in the frame of the target as it lay in the first image:\n"
+      "camera {}:\n"
       "  eye_m = [{:.5f}, {:.5f}, {:.5f}]\n  target_m = [{:.5f}, {:.5f}, {:.5f}]\n"
       "  up = [{:.5f}, {:.5f}, {:.5f}]\n",
-      c.rms, c.noise, 100 * c.covered, at.x(), at.y(), at.z(), ahead.x(), ahead.y(), ahead.z(),
-      up.x(), up.y(), up.z());
+      c.rms, c.noise, 100 * c.covered,
+      run.placed
+          ? fmt::format("in the rig's frame, by the target in {}", run.used[run.placed->view].name)
+          : "in the frame of the target as it lay in the first image used",
+      at.x(), at.y(), at.z(), ahead.x(), ahead.y(), ahead.z(), up.x(), up.y(), up.z());
   return words;
 }
 
@@ -62,7 +75,7 @@ std::string camera_words(const CalibrationRun& run) {
 
 int calibrate_camera(const CalibrateOptions& options) {
   const std::vector<std::filesystem::path> images(options.images.begin(), options.images.end());
-  const auto run = calibrate_camera_from(images, target_of(options));
+  const auto run = calibrate_camera_from(images, target_of(options), board_of(options));
   if (!run) return complain(with_context("calibrate the camera", run.error()));
   if (auto written = write_durably(options.output, run->text); !written)
     return complain(with_context("write the calibration", written.error()));
@@ -70,9 +83,11 @@ int calibrate_camera(const CalibrateOptions& options) {
     say(run->text);
     return 0;
   }
-  say(camera_words(*run) + fmt::format("\nwritten to {}; name it in the rig file: [camera] "
-                                       "calibration = \"{}\"",
-                                       options.output, options.output));
+  say(camera_words(*run) +
+      fmt::format(
+          "\nwritten to {}; name it in the rig file: [camera] calibration = \"{}\"{}",
+          options.output, options.output,
+          run->placed ? ", in place of fx_px, eye_m, target_m and up" : ", in place of fx_px"));
   return 0;
 }
 

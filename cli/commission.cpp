@@ -10,8 +10,10 @@
 #include <functional>
 #include <iostream>
 #include <numbers>
+#include <optional>
 #include <thread>
 
+#include "cli/held_process.h"
 #include "cli/json_fields.h"
 #include "cli/say.h"
 #include "cli/service_client.h"
@@ -30,20 +32,27 @@ constexpr double off_by = 0.1;  ///< [deg or mm] a read-back may differ by this 
 /// Travel by which a direction is shown: degrees, millimetres, or the next lamp.
 double step_of(const std::string& unit) { return unit == "deg" ? 5 : unit == "mm" ? 20 : 1; }
 
-/// What one check found. What nobody saw and nothing measured is not proven, and no pass.
+/// What one check found. What nobody saw and nothing measured is not proven, and no pass; what the
+/// rig has not got is absent, and said to be.
 struct Finding {
-  enum class Outcome : std::uint8_t { passed, failed, not_proven } outcome;
+  enum class Outcome : std::uint8_t { passed, failed, not_proven, absent } outcome;
   std::string what;
 };
+constexpr double longest_hold = 20;  // [s] systemd's watchdog takes 30
+
 Finding passed(std::string what) { return {Finding::Outcome::passed, std::move(what)}; }
 Finding failed(std::string what) { return {Finding::Outcome::failed, std::move(what)}; }
+Finding absent(std::string what) { return {Finding::Outcome::absent, std::move(what)}; }
 Finding not_proven(std::string what) { return {Finding::Outcome::not_proven, std::move(what)}; }
 
 /// One rig being commissioned: its checks in order, and their record.
 class Commissioning {
  public:
   explicit Commissioning(const CommissionOptions& options)
-      : client_(options.service), ask_(!options.yes) {}
+      : client_(options.service),
+        out_(options.service.json ? stderr : stdout),
+        ask_(!options.yes),
+        try_watchdog_(options.try_watchdog) {}
 
   /// Errors: the service does not answer. A check that fails is no error; the rig is left unarmed.
   Result<Json> run() {
@@ -67,6 +76,9 @@ class Commissioning {
     check("lamp off", "the lamp is lit, then the rig is disarmed", [this] { return lamp_off(); });
     check("watchdog of the lamp", "the lamp is lit and not renewed",
           [this] { return lamp_watchdog(); });
+    check("watchdog of the drives",
+          "the service is held in a move, the lamp lit, and feeds nothing",
+          [this] { return drive_watchdog(); });
     for (const Json& interlock : rig_["interlocks"])
       check("interlock " + interlock.get<std::string>(), "it is opened by hand",
             [&] { return interlock_opens(interlock.get<std::string>()); });
@@ -89,15 +101,16 @@ class Commissioning {
   }
 
   void check(const std::string& name, const std::string& how, const std::function<Finding()>& run) {
-    say(fmt::format("{}: {} …", name, how));
-    std::fflush(stdout);
+    fmt::print(out_, "{}: {} …\n", name, how);
+    std::fflush(out_);
     const Finding found = run();
     failures_ += found.outcome == Finding::Outcome::failed ? 1 : 0;
     unproven_ += found.outcome == Finding::Outcome::not_proven ? 1 : 0;
     const char* outcome = found.outcome == Finding::Outcome::passed   ? "passed"
                           : found.outcome == Finding::Outcome::failed ? "FAILED"
+                          : found.outcome == Finding::Outcome::absent ? "absent"
                                                                       : "not proven";
-    say(fmt::format("  {}: {}", outcome, found.what));
+    fmt::print(out_, "  {}: {}\n", outcome, found.what);
     checks_.push_back({{"check", name},
                        {"how", how},
                        {"outcome", outcome},
@@ -108,8 +121,8 @@ class Commissioning {
   /// A person's answer; without a person, go on.
   bool person_says(const std::string& question) {
     if (!ask_) return true;
-    fmt::print("  {} [y/n] ", question);
-    std::fflush(stdout);
+    fmt::print(out_, "  {} [y/n] ", question);
+    std::fflush(out_);
     std::string answer;
     return std::getline(std::cin, answer) && !answer.empty() &&
            (answer[0] == 'y' || answer[0] == 'Y');
@@ -218,16 +231,23 @@ class Commissioning {
                            : failed(fmt::format("refused, but it moved by {:.3f}", moved));
   }
 
-  Finding abort_in_motion() {
+  /// The longest move that the first moving axis has, under way; empty where nothing moves.
+  std::optional<Result<Json>> long_move() {
     const auto moving = std::ranges::find_if(
         rig_["axes"], [](const Json& one) { return !text(one, "unit").empty(); });
-    if (moving == rig_["axes"].end()) return not_proven("nothing moves on this rig");
+    if (moving == rig_["axes"].end()) return {};
     const Json& axis = *moving;
     const std::string name = text(axis, "name");
     const double from = position(name), low = axis["min"].get<double>(),
                  high = axis["max"].get<double>();
     const double to = high - from > from - low ? high : low;
-    const auto reply = client_.post("/v1/jog", {{"axis", name}, {to_member(axis), to}});
+    return client_.post("/v1/jog", {{"axis", name}, {to_member(axis), to}});
+  }
+
+  Finding abort_in_motion() {
+    const auto moving = long_move();
+    if (!moving) return not_proven("nothing moves on this rig");
+    const Result<Json>& reply = *moving;
     if (!reply) return failed(reply.error().message);
     std::this_thread::sleep_for(200ms);
     if (!status().value("busy", false))
@@ -286,6 +306,80 @@ class Commissioning {
                 "Has the lamp gone dark by itself?");
   }
 
+  /// The drives' own dead man: a service that hangs asks them nothing any more.
+  Finding drive_watchdog() {
+    const double patience = number(rig_, "drive_watchdog_s");
+    if (!std::isfinite(patience))
+      return absent(
+          "these drives have none that the rig file names: a service that hangs leaves the arm to "
+          "end its move and the lamp lit until systemd's watchdog ends it; have a hard-wired stop");
+    // While the service is held nothing of it protects anybody.
+    if (!ask_ && !try_watchdog_)
+      return not_proven(
+          "it takes a hand on the emergency stop: while the service is held its ABORT does "
+          "nothing. "
+          "--try-watchdog does it unasked");
+    if (patience > longest_hold)
+      return not_proven(
+          fmt::format("{:.0f} s of silence are more than the service may be held, {:.0f} s, before "
+                      "systemd ends "
+                      "it: shorten the watchdog",
+                      patience, longest_hold));
+    const auto process = static_cast<pid_t>(whole(rig_, "process"));
+    if (process <= 1 || !is_service(process))
+      return not_proven("the service is no process of this machine that could be held");
+    if (const std::string why = why_not_held(process); !why.empty())
+      return not_proven(fmt::format(
+          "the service (process {}) cannot be held: {}; run lightrig commission as root", process,
+          why));
+    if (auto ready = armed_and_homed(); !ready) return failed(ready.error().message);
+    if (!person_says(fmt::format(
+            "The arm will move with the lamp lit while the service is held for {:.0f} s: ABORT, "
+            "door "
+            "and lease do nothing meanwhile, and the drives must stop by themselves. Is everybody "
+            "clear, and a hand on the emergency stop?",
+            patience + 1)))
+      return failed("a person says that it is not safe to move");
+    if (auto lit = carry_out("/v1/lamp", {{"power", rig_["lamp"]["power"]}}); !lit)
+      return failed(lit.error().message);
+    const auto moving = long_move();
+    std::this_thread::sleep_for(500ms);  // up to speed
+    std::string why;
+    if (moving && !*moving) why = moving->error().message;
+    if (why.empty() && !status().value("busy", false)) why = "the move was over before it was held";
+    if (why.empty()) {
+      const HeldProcess held(process, std::chrono::duration<double>(patience) + 3s);
+      why = held.why_not();
+      if (why.empty()) std::this_thread::sleep_for(std::chrono::duration<double>(patience) + 1s);
+    }
+    if (!why.empty()) {  // nothing is left lit or moving
+      (void)client_.post("/v1/abort", {{"reason", "commissioning"}});
+      return not_proven(why);
+    }
+    // Let go on, the service hears of it from the drives: their alarm is the proof.
+    const auto latest = SteadyClock::now() + 30s;
+    Json now = status();
+    while (SteadyClock::now() < latest && text(now, "state") != "faulted") {
+      std::this_thread::sleep_for(100ms);
+      now = status();
+    }
+    if (text(now, "state") != "faulted") {
+      (void)client_.post("/v1/abort", {{"reason", "commissioning"}});
+      return failed(
+          fmt::format("held for {:.1f} s, which is longer than the {:.1f} s of their "
+                      "watchdog, and the drives say nothing of it",
+                      patience + 1, patience));
+    }
+    std::string said;
+    for (const Json& reason : part(now, "why_not_ready"))
+      said += (said.empty() ? "" : "; ") + reason.get<std::string>();
+    if (auto cleared = carry_out("/v1/clear"); !cleared) return failed(cleared.error().message);
+    if (said.find("alarm") == std::string::npos)
+      return failed("the rig faulted, but by no alarm of the drives: " + said);
+    return seen(fmt::format("held for {:.1f} s: {}", patience + 1, said),
+                "Did the arm stop by itself, and did the lamp go dark?");
+  }
+
   Finding interlock_opens(const std::string& name) {
     if (!ask_) return not_proven("it takes a hand");
     if (auto done = armed_and_homed(); !done) return failed(done.error().message);
@@ -299,7 +393,8 @@ class Commissioning {
   }
 
   ServiceClient client_;
-  bool ask_;
+  std::FILE* out_;  ///< what is said on the way: with --json the record alone is the output
+  bool ask_, try_watchdog_;
   Json rig_;
   Json checks_ = Json::array();
   int failures_ = 0, unproven_ = 0;

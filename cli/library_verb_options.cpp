@@ -21,6 +21,27 @@ void add_target_options(CLI::App& verb, CalibrateOptions& options) {
   verb.add_option("--marker-mm", options.marker_mm, "Edge of a marker (ChArUco)");
 }
 
+void add_board_options(CLI::App& verb, CalibrateOptions& options) {
+  CLI::Option* origin =
+      verb.add_option(
+              "--board-origin-m", options.board_origin,
+              "Where the board's origin lay, in the rig's frame: the corner of the squares, "
+              "at the print's upper left")
+          ->expected(3);
+  CLI::Option* columns = verb.add_option("--board-columns", options.board_columns,
+                                         "Direction along the print's upper edge, rightwards")
+                             ->expected(3);
+  CLI::Option* rows = verb.add_option("--board-rows", options.board_rows,
+                                      "Direction along its left edge, downwards")
+                          ->expected(3);
+  origin->needs(columns)->needs(rows);
+  columns->needs(origin);
+  rows->needs(origin);
+  verb.add_option("--board-image", options.board_image,
+                  "Picture in which it lay so; else the first in which it is found")
+      ->needs(origin);
+}
+
 void add_material_verbs(Verbs& verbs) {
   auto name = std::make_shared<std::string>();
   auto directory = std::make_shared<std::string>();
@@ -57,6 +78,7 @@ void add_calibrate_verb(Verbs& verbs) {
   camera->add_option("images", options->images, "Pictures of the target")->required();
   add_target_options(*camera, *options);
   camera->add_option("-o,--output", options->output, "Calibration file to write")->required();
+  add_board_options(*camera, *options);
   camera->callback([chosen] { *chosen = &calibrate_camera; });
   CLI::App* target = verb->add_subcommand("target", "The target as a picture to print");
   add_target_options(*target, *options);

@@ -101,6 +101,10 @@ void add_service_verbs(Verbs& verbs) {
       proving->service);
   verb->add_option("-o,--output", proving->output, "Record to write");
   verb->add_flag("--yes", proving->yes, "Ask nobody: prove what needs no eyes");
+  verb->add_flag(
+      "--try-watchdog", proving->try_watchdog,
+      "With --yes: hold the service, and its ABORT with it, while the arm moves, so that "
+      "the drives' own watchdog must stop it");
 
   auto bundling = std::make_shared<BundleOptions>();
   verb = with_service(

@@ -68,6 +68,11 @@ std::string status_words(const Json& status) {
                          text(status["lock"], "note"));
   if (status.contains("devices") && status["devices"].is_object())
     words += device_words(status["devices"]);
+  else
+    for (const Json& one : status.value("self_test", Json::array()))
+      if (one.value("good", false))
+        words += fmt::format("found      {}: {} ({} ago)\n", text(one, "device"), text(one, "said"),
+                             duration(number(one, "age_s")));
   if (status.contains("session") && status["session"].is_object())
     words += session_words(status["session"]);
   words += fmt::format("disk       {} free\n", bytes(number(status, "disk_free_bytes")));
@@ -313,7 +318,9 @@ std::string pose_line(const std::string& png, const Rig& rig, const Prepared& pr
   if (!pose) return "pose: " + pose.error().message;
   if (!pose->told) return "pose: not told, too little of the object is seen or lit";
   return (wrong(*pose) ? "POSE: " + pose_reason(*pose, false)
-                       : "pose: as modelled, " + in_words(*pose));
+                       : std::string("pose: as modelled") +
+                             (pose->motions_seen() < 6 ? " as far as can be seen, " : ", ") +
+                             in_words(*pose));
 }
 
 /// Planned lights whose highlight is not drawn, and why; "" where all are.
@@ -343,8 +350,9 @@ int snap(const SnapOptions& options) {
   if (!options.overlay) {
     if (auto written = write_durably(options.output, *png); !written)
       return complain(written.error());
-    say((options.exposure > 0 ? "frame written to " : "last frame written to ") + options.output);
-    return 0;
+    return finish(
+        Json{{"ok", true}, {"file", options.output}}, options.service.json,
+        (options.exposure > 0 ? "frame written to " : "last frame written to ") + options.output);
   }
   if (options.rig.empty())
     return complain("--overlay draws what the rig file models over the frame: name it with --rig");
@@ -367,6 +375,15 @@ int snap(const SnapOptions& options) {
     rows.push_back({shot_name(prepared->plan, one.shot),
                     fmt::format("{:.0f}, {:.0f}", one.pixel.x(), one.pixel.y()),
                     fmt::format("{:.1f}°", one.off * 180 / std::numbers::pi)});
+  if (options.service.json) {
+    Json lights = Json::array();
+    for (const ExpectedHighlight& one : highlights.seen)
+      lights.push_back({{"light", shot_name(prepared->plan, one.shot)},
+                        {"column", one.pixel.x()},
+                        {"row", one.pixel.y()}});
+    say(json_text(Json{{"ok", true}, {"file", options.output}, {"highlights", std::move(lights)}}));
+    return 0;
+  }
   std::string words =
       table({"light", "highlight at column, row", "from the mirror direction"}, rows) +
       not_drawn(prepared->plan, highlights);

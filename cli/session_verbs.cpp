@@ -31,7 +31,9 @@ std::string curve_table(const Json& curve) {
                     percent(number(point, "predicted_error_percent")),
                     percent(number(point, "held_out_error_percent")),
                     percent(number(point, "true_error_percent"))});
-  return table({"lights", "elapsed", "predicted error", "held-out light", "true error"}, rows);
+  return table({"lights", "elapsed", "predicted error", "held-out light", "true error"}, rows) +
+         "held-out light: misfit at a light that was not fitted; a check of pose and lamp, no "
+         "estimate of the true error\n";
 }
 
 std::string baseline_words(const Json& baselines) {
@@ -198,6 +200,10 @@ int retake(const ServiceOptions& options, const std::string& session, const std:
           done.error()));
   } else if (auto done = retake_shot(SessionFolder{session}, shot); !done) {
     return complain(with_context("retake " + shot, done.error()));
+  }
+  if (options.json) {
+    say(json_text(Json{{"ok", true}, {"session", session}, {"shot", shot}}));
+    return 0;
   }
   say(fmt::format(
       "{} is open again; its frames are kept in rejected/. lightrig resume takes it anew", shot));

@@ -53,11 +53,27 @@ std::string service_ended(const std::string& id, const std::string& state) {
       id);
 }
 
+// The points of the curve that were not told yet, and how many lights they go up to.
+int tell_curve(const Json& session, int told, ProgressView& view) {
+  for (const Json& point : part(session, "curve")) {
+    const int lights = point.value("lights", 0);
+    if (lights <= told) continue;
+    told = lights;
+    const double truth = number(point, "true_error_percent");
+    view.note(fmt::format("  {} light{} in {}: error ≈ {}{}", lights, lights == 1 ? "" : "s",
+                          duration(number(point, "elapsed_s")),
+                          percent(number(point, "predicted_error_percent")),
+                          std::isfinite(truth) ? fmt::format(" (true {})", percent(truth)) : ""));
+  }
+  return told;
+}
+
 // Follows a session to its end: its events for the screen, the state for the verdict.
 int follow(const ServiceClient& client, const std::string& id, bool json) {
   ProgressView view(on_terminal(), terminal_width());
   Json last = nullptr;
   std::string state;
+  int told = 0;  // lights of the curve
   const auto on_event = [&](std::string_view event, const Json& data) {
     if (event == "state" && text(part(data, "session"), "id") == id) {
       last = data["session"];
@@ -66,6 +82,7 @@ int follow(const ServiceClient& client, const std::string& id, bool json) {
         const std::string reason = text(last, "reason");
         view.note(state + (reason.empty() ? "" : ": " + reason));
       }
+      if (!json) told = tell_curve(last, told, view);
       return !has_ended(text(last, "state"));
     }
     if (event == "progress" && text(data, "session") == id) {
@@ -130,7 +147,8 @@ int watch(const ServiceOptions& options) {
   const auto status = client.get_json("/v1/status");
   if (!status) return complain(status.error());
   if (!status->contains("session") || !(*status)["session"].is_object()) {
-    say("no session is under way; lightrig start begins one");
+    say(options.json ? json_text(Json{{"session", nullptr}})
+                     : "no session is under way; lightrig start begins one");
     return 0;
   }
   const Json& session = (*status)["session"];

@@ -80,8 +80,9 @@ int log_level(const ServiceOptions& options, const std::string& level);
 
 struct CommissionOptions {
   ServiceOptions service;
-  std::string output;  ///< of the record; "" for a name with the time, here
-  bool yes = false;    ///< ask nobody
+  std::string output;         ///< of the record; "" for a name with the time, here
+  bool yes = false;           ///< ask nobody
+  bool try_watchdog = false;  ///< with `yes`: hold the service while the arm moves
 };
 int commission(const CommissionOptions& options);
 
@@ -131,6 +132,8 @@ struct CalibrateOptions {
   int columns = 0, rows = 0;
   double square_mm = 0, marker_mm = 0;
   std::vector<double> reflectance;
+  std::vector<double> board_origin, board_columns, board_rows;  ///< [m]; empty: not given
+  std::string board_image;
   bool json = false;
 };
 int calibrate_camera(const CalibrateOptions& options);

@@ -3,8 +3,11 @@
 #include <fmt/format.h>
 #include <openssl/evp.h>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "config/json_text.h"
 #include "config/read_bytes.h"
@@ -38,15 +41,28 @@ Json list_of(const Eigen::Ref<const Eigen::VectorXd>& values) {
   return list;
 }
 
-Json pose_json(const Eigen::Isometry3d& camera_from_target) {
-  const Eigen::Isometry3d target_from_camera = camera_from_target.inverse();
+/// `name` says from which frame, which the eye and the directions are in too.
+Json pose_json(const char* name, const Eigen::Isometry3d& camera_from_frame) {
+  const Eigen::Isometry3d frame_from_camera = camera_from_frame.inverse();
   Json rows = Json::array();
   for (Eigen::Index r = 0; r < 3; ++r)
-    rows.push_back(list_of(camera_from_target.matrix().row(r).transpose()));
-  return {{"camera_from_target", std::move(rows)},
-          {"eye_m", list_of(target_from_camera.translation())},
-          {"sight", list_of(target_from_camera.linear().col(2))},
-          {"up", list_of(Eigen::Vector3d(-target_from_camera.linear().col(1)))}};
+    rows.push_back(list_of(camera_from_frame.matrix().row(r).transpose()));
+  return {{name, std::move(rows)},
+          {"eye_m", list_of(frame_from_camera.translation())},
+          {"sight", list_of(frame_from_camera.linear().col(2))},
+          {"up", list_of(Eigen::Vector3d(-frame_from_camera.linear().col(1)))}};
+}
+
+Json in_rig_json(const TargetInRig& placed, const CameraCalibration& calibration,
+                 std::span<const MadeFrom> images) {
+  const Eigen::Isometry3d& target = placed.rig_from_target;
+  Json json = pose_json("camera_from_rig",
+                        calibration.views[placed.view].camera_from_target * target.inverse());
+  json["target"] = {{"origin_m", list_of(target.translation())},
+                    {"columns", list_of(target.linear().col(0))},
+                    {"rows", list_of(target.linear().col(1))}};
+  if (placed.view < images.size()) json["image"] = images[placed.view].name;
+  return json;
 }
 
 tl::unexpected<Error> not_as_written(const char* what) {
@@ -73,9 +89,32 @@ Result<Json> read_sealed(const std::filesystem::path& file, const char* schema, 
 
 }  // namespace
 
+Result<Eigen::Isometry3d> rig_from_target(const Eigen::Vector3d& origin,
+                                          const Eigen::Vector3d& columns,
+                                          const Eigen::Vector3d& rows) {
+  constexpr double degree = std::numbers::pi / 180;
+  if (!origin.allFinite() || !(columns.norm() > 0) || !(rows.norm() > 0) || !columns.allFinite() ||
+      !rows.allFinite())
+    return fail(ErrorCode::invalid_input,
+                "the target's place needs an origin and two directions that are not zero");
+  const Eigen::Vector3d x = columns.normalized();
+  const double between = std::acos(std::clamp(x.dot(rows.normalized()), -1.0, 1.0)) / degree;
+  if (!(std::abs(between - 90) < 1))
+    return fail(ErrorCode::invalid_input,
+                fmt::format("the target's columns and rows are counted in directions {:.1f}° "
+                            "apart; on a flat target it is 90°",
+                            between));
+  const Eigen::Vector3d z = x.cross(rows).normalized();
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear() << x, z.cross(x), z;
+  pose.translation() = origin;
+  return pose;
+}
+
 std::string camera_calibration_text(const CameraCalibration& calibration,
                                     const CalibrationTarget& target,
-                                    std::span<const MadeFrom> images, const std::string& date) {
+                                    std::span<const MadeFrom> images, const std::string& date,
+                                    const std::optional<TargetInRig>& placed) {
   const CameraModel& m = calibration.model;
   const bool charuco = target.kind == CalibrationTarget::Kind::charuco;
   Json json{{"schema", camera_schema},
@@ -105,10 +144,11 @@ std::string camera_calibration_text(const CameraCalibration& calibration,
       one["name"] = images[i].name;
       one["image_sha256"] = images[i].sha256;
     }
-    one["pose"] = pose_json(view.camera_from_target);
+    one["pose"] = pose_json("camera_from_target", view.camera_from_target);
     one["pose_standard_errors"] = list_of(view.pose_sigma);
     json["images"].push_back(std::move(one));
   }
+  if (placed) json["in_rig"] = in_rig_json(*placed, calibration, images);
   return sealed(std::move(json));
 }
 
@@ -123,7 +163,7 @@ std::string white_reference_text(const WhiteReference& white, const std::string&
                  {"samples", white.samples}});
 }
 
-Result<void> apply_camera_calibration(const std::filesystem::path& file, CameraConfig& camera) {
+Result<bool> apply_camera_calibration(const std::filesystem::path& file, CameraConfig& camera) {
   const auto json = read_sealed(file, camera_schema, "camera calibration");
   if (!json) return tl::unexpected(json.error());
   CameraModel& m = camera.model;
@@ -139,7 +179,13 @@ Result<void> apply_camera_calibration(const std::filesystem::path& file, CameraC
   m.cy = (*json)["cy_px"];
   m.distortion = (*json)["distortion"].get<std::array<double, 5>>();
   camera.calibration = file;
-  return {};
+  if (!json->contains("in_rig")) return false;
+  const auto rows =
+      (*json)["in_rig"]["camera_from_rig"].get<std::array<std::array<double, 4>, 3>>();
+  for (std::size_t r = 0; r < 3; ++r)
+    m.camera_from_world.matrix().row(static_cast<Eigen::Index>(r)) =
+        Eigen::Map<const Eigen::RowVector4d>(rows[r].data());
+  return true;
 }
 
 Result<void> apply_white_reference(const std::filesystem::path& file, bool near, LampConfig& lamp) {

@@ -144,8 +144,10 @@ std::vector<KeySpec> projection_keys() {
        .kind = ValueKind::path,
        .need = Need::optional,
        .when = Condition{"projection", {"perspective"}},
-       .doc = "File that `lightrig calibrate camera` wrote: focal lengths, principal point and "
-              "distortion are taken from it instead of from the keys below."},
+       .doc =
+           "File that `lightrig calibrate camera` wrote: focal lengths, principal point and "
+           "distortion are taken from it instead of from the keys below; and the camera's place, "
+           "instead of from eye_m, target_m and up, where it was made with `--board-origin-m`."},
       {.name = "fx_px",
        .unit = units::px,
        .range = positive,
@@ -190,7 +192,9 @@ std::vector<KeySpec> pose_keys() {
        .kind = ValueKind::vector3,
        .unit = units::m,
        .range = {-1e4, 1e4},
-       .doc = "Where the camera's centre is, in the rig's frame."},
+       .need = Need::optional,
+       .doc = "Where the camera's centre is, in the rig's frame. A camera needs it or a "
+              "calibration that states it."},
       {.name = "target_m",
        .kind = ValueKind::vector3,
        .unit = units::m,

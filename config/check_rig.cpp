@@ -47,6 +47,10 @@ void check_sensor(const Section& s, Findings& findings) {
 }
 
 void check_pose(const Section& s, Findings& findings) {
+  if (!s.given_key("eye_m") && !s.given_key("calibration"))
+    findings.error(s.place,
+                   "[camera] lacks eye_m ([x, y, z], m), where the camera's centre is, or "
+                   "calibration, a file that `lightrig calibrate camera --board-origin-m` wrote");
   if (!s.has("eye_m") || !s.has("target_m") || !s.has("up")) return;
   const Eigen::Vector3d sight = s.vector3("target_m") - s.vector3("eye_m");
   const Eigen::Vector3d up = s.vector3("up");

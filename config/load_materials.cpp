@@ -100,7 +100,8 @@ Result<void> check_grids(const LoadedMaterials& loaded, const fs::path& folder) 
   return {};
 }
 
-Result<LoadedMaterials> load_folder(const MaterialsConfig& config) {
+Result<LoadedMaterials> load_folder(const MaterialsConfig& config,
+                                    const std::function<void()>& read_one) {
   const fs::path folder(config.source);
   auto files = binaries_in(folder);
   if (!files) return tl::unexpected(files.error());
@@ -113,6 +114,7 @@ Result<LoadedMaterials> load_folder(const MaterialsConfig& config) {
       continue;
     }
     Loaded one = load_file(file);
+    if (read_one) read_one();
     if (one.material) loaded.materials.push_back(std::move(*one.material));
     if (!one.remark.empty()) loaded.remarks.push_back(std::move(one.remark));
   }
@@ -136,8 +138,9 @@ Result<LoadedMaterials> load_folder(const MaterialsConfig& config) {
 
 }  // namespace
 
-Result<LoadedMaterials> load_materials(const MaterialsConfig& config) {
-  auto loaded = config.source == "builtin" ? load_builtin(config) : load_folder(config);
+Result<LoadedMaterials> load_materials(const MaterialsConfig& config,
+                                       const std::function<void()>& read_one) {
+  auto loaded = config.source == "builtin" ? load_builtin(config) : load_folder(config, read_one);
   if (loaded && loaded->materials.size() < 2)
     return fail(ErrorCode::invalid_input,
                 fmt::format("{} materials remain of the built-in set after holding out what was "

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -16,8 +17,10 @@ struct LoadedMaterials {
 };
 
 /// The training set: built in, or every .binary of a directory, sorted by name; held-out ones left
-/// out. Errors: not_found, invalid_input (fewer than 2 usable, grids differ).
-Result<LoadedMaterials> load_materials(const MaterialsConfig& config);
+/// out. `read_one`, where there is one, is called after every file. Errors: not_found,
+/// invalid_input (fewer than 2 usable, grids differ).
+Result<LoadedMaterials> load_materials(const MaterialsConfig& config,
+                                       const std::function<void()>& read_one = {});
 
 /// How many materials the source names, without reading them. Errors: as load_materials(), where
 /// the folder cannot be listed or holds fewer than 2 files.

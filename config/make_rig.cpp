@@ -41,7 +41,9 @@ CameraModel make_camera_model(const Section& s) {
   // The centre of an image whose first pixel has its centre at 0.
   m.cx = s.has("cx_px") ? s.number("cx_px") : (m.width - 1) / 2.0;
   m.cy = s.has("cy_px") ? s.number("cy_px") : (m.height - 1) / 2.0;
-  m.camera_from_world = look_at(s.vector3("eye_m"), s.vector3("target_m"), s.vector3("up"));
+  // A calibration may state the pose.
+  if (s.has("eye_m"))
+    m.camera_from_world = look_at(s.vector3("eye_m"), s.vector3("target_m"), s.vector3("up"));
   return m;
 }
 

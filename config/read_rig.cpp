@@ -50,6 +50,22 @@ void check_simulated_material(const Section& root, Findings& findings) {
                  did_you_mean(name, names));
 }
 
+// The camera's place is stated once: in the rig file, or in its calibration.
+void check_calibrated_pose(const Section& camera, bool stated, Findings& findings) {
+  const std::string file = camera.file("calibration").string();
+  if (!stated && !camera.given_key("eye_m"))
+    findings.error(camera.at("calibration"),
+                   fmt::format("camera.calibration: \"{}\" does not say where the camera stands, "
+                               "and [camera] lacks eye_m: calibrate with --board-origin-m, or "
+                               "state eye_m, target_m and up",
+                               file));
+  for (const char* key : {"eye_m", "target_m", "up"})
+    if (stated && camera.given_key(key))
+      findings.error(camera.at(key), fmt::format("camera.{} conflicts with calibration (line {}), "
+                                                 "which states where the camera stands",
+                                                 key, camera.at("calibration").line));
+}
+
 // Calibrations that the rig names are read once to see that they can be.
 void check_calibrations(const Section& root, Findings& findings) {
   const Section *camera = root.find("camera"), *lamp = root.find("lamp");
@@ -57,7 +73,9 @@ void check_calibrations(const Section& root, Findings& findings) {
     CameraConfig trial;
     if (camera->has("width_px")) trial.model.width = camera->integer("width_px");
     if (camera->has("height_px")) trial.model.height = camera->integer("height_px");
-    if (auto read = apply_camera_calibration(camera->file("calibration"), trial); !read)
+    if (auto read = apply_camera_calibration(camera->file("calibration"), trial); read)
+      check_calibrated_pose(*camera, *read, findings);
+    else
       findings.error(camera->at("calibration"),
                      fmt::format("camera.calibration: \"{}\" {}",
                                  camera->file("calibration").string(), read.error().message));

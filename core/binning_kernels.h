@@ -16,6 +16,8 @@ struct PointColumns {
   std::vector<double> nx, ny, nz;   ///< unit normal
   std::vector<double> vx, vy, vz;   ///< unit, towards the camera
   std::size_t size() const { return index.size(); }
+  Eigen::Vector3d position(std::size_t i) const { return {px[i], py[i], pz[i]}; }
+  Eigen::Vector3d normal(std::size_t i) const { return {nx[i], ny[i], nz[i]}; }
 
   /// Lengthens the coordinates by a vector of eight, so that loops may run past the last point.
   void pad();

@@ -36,10 +36,9 @@ struct BinningSetting {
   }
 };
 
-/// A lit, camera-facing point and the key of the cell that one light shows there: the cell itself,
-/// or its row where the light shows one column.
+/// A lit, camera-facing point and the cell that one light shows there.
 struct BinnedPoint {
-  std::int32_t point, key;
+  std::int32_t point, cell;
 };
 
 /// Rows looked for, as what they hold of 4 sin²(θh/2): low ≤ x < high.
@@ -50,10 +49,11 @@ struct RowInterval {
 /// Memory that one worker uses again for every candidate.
 struct BinningScratch {
   std::vector<BinnedPoint> lit;
-  std::vector<std::uint8_t> filled;  ///< (keys), all zero between candidates
-  std::vector<std::int32_t> start;   ///< (keys + 1)
-  std::vector<std::int32_t> sorted;  ///< lit points by key
-  std::vector<std::int32_t> open;    ///< keys that still look for an unblocked point
+  /// (cells, or rows where the light shows one column), all zero between candidates
+  std::vector<std::uint8_t> filled;
+  std::vector<std::int32_t> start;   ///< (cells + 1)
+  std::vector<std::int32_t> sorted;  ///< lit points by cell
+  std::vector<std::int32_t> open;    ///< cells that still look for an unblocked point
   std::vector<std::int32_t> next, point;
   std::vector<Eigen::Vector3d> position, normal;
   std::vector<std::uint8_t> blocked;
@@ -65,22 +65,12 @@ struct BinningScratch {
   std::vector<double> may;                      ///< (bundles): open intervals that it may show
   std::vector<std::int32_t> bundle;             ///< the first `bundles`: those to walk
   std::size_t bundles = 0;
-  std::vector<double> chords;                 ///< of the points looked at together
-  std::vector<std::int32_t> hit;              ///< those of them within the rows looked for
-  std::vector<std::uint8_t> open_rows;        ///< (rows + 8): 1 = has statistics and is looked for
-  std::vector<std::uint8_t> shown;            ///< (rows + 8): 1 = a point was found
-  std::vector<RowInterval> intervals;         ///< of 4 sin²(θh/2), that hold the open rows
-  std::vector<std::int32_t> wanted, skipped;  ///< (rows): points to find yet, to pass over
+  std::vector<double> chords;           ///< of the points looked at together
+  std::vector<std::int32_t> hit;        ///< those of them within the rows looked for
+  std::vector<std::uint8_t> open_rows;  ///< (rows + 8): 1 = has statistics and is looked for
+  std::vector<std::uint8_t> shown;      ///< (rows + 8): 1 = a point was found
+  std::vector<RowInterval> intervals;   ///< of 4 sin²(θh/2), that hold the open rows
 };
-
-/// Shadow rays for scratch.point; scratch.blocked tells the outcome.
-void cast_shadow_rays(const BinningSetting& setting, const LightPosition& light,
-                      BinningScratch& scratch, BinningStatistics& statistics);
-
-/// Rounds of one ray per key that has not shown an unblocked point yet, over scratch.lit; keys are
-/// 0 … keys − 1.
-void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& light,
-                         std::size_t keys, BinningScratch& scratch, BinningStatistics& statistics);
 
 /// The rows that a distant light fills where every point is seen from one direction, in
 /// scratch.filled by row. Returns their column.

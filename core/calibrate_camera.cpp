@@ -1,5 +1,6 @@
 #include "core/calibrate_camera.h"
 
+#include <dlfcn.h>
 #include <fmt/format.h>
 
 #include <Eigen/Cholesky>
@@ -20,6 +21,15 @@ constexpr double least_covered = 0.25;
 constexpr double worst_rms = 1.0;           // [px]
 constexpr double worst_focal_sigma = 0.01;  // share of the focal length
 constexpr int intrinsics = 9, pose = 6;
+
+/// The LAPACK behind OpenCV may be OpenBLAS, whose threads gain nothing on matrices this small and
+/// wait for one another for seconds where cores are busy.
+void keep_blas_to_one_thread() {
+  using SetThreads = void (*)(int);
+  static const auto set =
+      reinterpret_cast<SetThreads>(dlsym(RTLD_DEFAULT, "openblas_set_num_threads"));
+  if (set != nullptr) set(1);
+}
 
 /// What OpenCV's optimiser leaves behind.
 struct Optimum {
@@ -203,6 +213,7 @@ Result<CameraCalibration> calibrate_camera(std::span<const TargetCorners> views,
         fmt::format("the target was found in {} images; needed are {}, better 15, with "
                     "the target tilted differently in each",
                     views.size(), fewest_views));
+  keep_blas_to_one_thread();
   const auto best = optimise(views, width, height);
   if (!best) return tl::unexpected(best.error());
   CameraCalibration out;

@@ -12,6 +12,9 @@
 
 namespace lightrig {
 
+namespace {
+
+/// Shadow rays for scratch.point; scratch.blocked tells the outcome.
 void cast_shadow_rays(const BinningSetting& setting, const LightPosition& light,
                       BinningScratch& scratch, BinningStatistics& statistics) {
   scratch.position.clear();
@@ -25,19 +28,23 @@ void cast_shadow_rays(const BinningSetting& setting, const LightPosition& light,
   statistics.rays_cast += static_cast<std::int64_t>(scratch.point.size());
 }
 
+/// Rounds of one ray per cell that has not shown an unblocked point yet, over scratch.lit.
 void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& light,
-                         std::size_t keys, BinningScratch& scratch, BinningStatistics& statistics) {
-  scratch.start.assign(keys + 1, 0);
-  for (const BinnedPoint& lit : scratch.lit) ++scratch.start[static_cast<std::size_t>(lit.key) + 1];
+                         BinningScratch& scratch, BinningStatistics& statistics) {
+  const std::size_t cells = scratch.filled.size();
+  scratch.start.assign(cells + 1, 0);
+  for (const BinnedPoint& lit : scratch.lit) {
+    ++scratch.start[static_cast<std::size_t>(lit.cell) + 1];
+  }
   scratch.open.clear();
-  for (std::size_t c = 0; c < keys; ++c) {
+  for (std::size_t c = 0; c < cells; ++c) {
     if (scratch.start[c + 1] > 0) scratch.open.push_back(static_cast<std::int32_t>(c));
     scratch.start[c + 1] += scratch.start[c];
   }
   scratch.sorted.resize(scratch.lit.size());
   scratch.next.assign(scratch.start.begin(), scratch.start.end() - 1);
   for (const BinnedPoint& lit : scratch.lit) {
-    const auto at = static_cast<std::size_t>(scratch.next[static_cast<std::size_t>(lit.key)]++);
+    const auto at = static_cast<std::size_t>(scratch.next[static_cast<std::size_t>(lit.cell)]++);
     scratch.sorted[at] = lit.point;
   }
   std::copy(scratch.start.begin(), scratch.start.end() - 1, scratch.next.begin());
@@ -60,8 +67,6 @@ void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& lig
     scratch.open.resize(kept);
   }
 }
-
-namespace {
 
 /// Points of one cell that a first look brings along for shadow rays: most cells need no more.
 constexpr std::int32_t first_tries = 4;
@@ -127,7 +132,7 @@ void fill_by_all_rays(const BinningSetting& setting, const LightPosition& light,
   cast_shadow_rays(setting, light, scratch, statistics);
   for (std::size_t k = 0; k < scratch.lit.size(); ++k) {
     if (scratch.blocked[k] == 0) {
-      scratch.filled[static_cast<std::size_t>(scratch.lit[k].key)] = 1;
+      scratch.filled[static_cast<std::size_t>(scratch.lit[k].cell)] = 1;
     }
   }
 }
@@ -144,14 +149,14 @@ void fill_from_all_points(const BinningSetting& setting, const LightPosition& li
            scratch, statistics);
   if (!rays) {
     for (const BinnedPoint& lit : scratch.lit)
-      scratch.filled[static_cast<std::size_t>(lit.key)] = 1;
+      scratch.filled[static_cast<std::size_t>(lit.cell)] = 1;
   } else if (all) {
     fill_by_all_rays(setting, light, scratch, statistics);
   } else {
-    fill_by_needed_rays(setting, light, scratch.filled.size(), scratch, statistics);
+    fill_by_needed_rays(setting, light, scratch, statistics);
     find_others(setting, scratch);
     if (!scratch.lit.empty()) {
-      fill_by_needed_rays(setting, light, scratch.filled.size(), scratch, statistics);
+      fill_by_needed_rays(setting, light, scratch, statistics);
     }
   }
 }

@@ -66,10 +66,13 @@ BoundarySearch::BoundarySearch(const std::vector<double>& boundary) : bucket_(1)
 CellLookup::CellLookup(const BivariateGrid& grid)
     : grid_(grid),
       row_begin_(row_boundaries(grid)),
+      column_begin_(column_boundaries(grid)),
       row_(row_begin_),
-      column_(column_boundaries(grid)) {
-  row_begin_.insert(row_begin_.begin(), 0.0);
-  row_begin_.push_back(std::numeric_limits<double>::infinity());
+      column_(column_begin_) {
+  for (std::vector<double>* begin : {&row_begin_, &column_begin_}) {
+    begin->insert(begin->begin(), 0.0);
+    begin->push_back(std::numeric_limits<double>::infinity());
+  }
 }
 
 int CellLookup::operator()(const Eigen::Vector3d& n, const Eigen::Vector3d& wi,

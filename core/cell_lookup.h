@@ -56,10 +56,12 @@ class CellLookup {
 
   /// The least 4 sin²(θh/2) of a row, 0 … n_h: row(x) ≥ i exactly where x ≥ row_begin(i).
   double row_begin(int i) const { return row_begin_[static_cast<std::size_t>(i)]; }
+  /// The same of a column's tan²θd.
+  double column_begin(int i) const { return column_begin_[static_cast<std::size_t>(i)]; }
 
  private:
   BivariateGrid grid_;
-  std::vector<double> row_begin_;
+  std::vector<double> row_begin_, column_begin_;
   BoundarySearch row_, column_;
 };
 

@@ -14,9 +14,6 @@ namespace lightrig {
 
 namespace {
 
-/// Points of one row that a first walk brings along for shadow rays: most rows need no more.
-constexpr std::int32_t first_tries = 4;
-
 /// One distant light over the points.
 struct View {
   Eigen::Vector3d l, h;
@@ -175,10 +172,11 @@ template <class Visit>
   return walked;
 }
 
-/// Lists in scratch.lit the lit points of open rows: as many as each row wants after those that it
-/// passes over. Returns the points looked at.
-[[gnu::always_inline]] inline std::int64_t list_body(const BinningSetting& setting,
-                                                     const View& view, BinningScratch& scratch,
+/// Marks the rows that lit points show which a shadow ray finds open: one ray after another, each
+/// for a row that is still missing. Returns the points looked at.
+[[gnu::always_inline]] inline std::int64_t cast_body(const BinningSetting& setting,
+                                                     const LightPosition& light, const View& view,
+                                                     BinningScratch& scratch,
                                                      BinningStatistics& statistics) {
   std::int64_t walked = 0, lit = 0;
   double* chord2 = scratch.chords.data();
@@ -186,7 +184,7 @@ template <class Visit>
     const auto r = static_cast<std::size_t>(row);
     return scratch.open_rows[r] != 0 && scratch.shown[r] == 0;
   };
-  const auto list = [&](std::size_t first, std::size_t count, int from, int to)
+  const auto cast = [&](std::size_t first, std::size_t count, int from, int to)
       __attribute__((always_inline)) {
     while (!open(from)) ++from;
     while (!open(to)) --to;
@@ -212,18 +210,16 @@ template <class Visit>
     for (std::size_t k = 0; k < hits; ++k) {
       const auto i = static_cast<std::size_t>(hit[k]);
       const int row = setting.lookup.row(chord2[i]);
-      const auto r = static_cast<std::size_t>(row);
-      if (scratch.wanted[r] == 0) continue;
-      if (scratch.skipped[r] > 0) {
-        --scratch.skipped[r];
-        continue;
+      if (!open(row)) continue;
+      ++statistics.rays_cast;
+      if (!setting.occluder.blocked(setting.in_view.position(first + i),
+                                    setting.in_view.normal(first + i), light)) {
+        scratch.shown[static_cast<std::size_t>(row)] = 1;
       }
-      scratch.lit.push_back({setting.in_view.index[first + i], row});
-      if (--scratch.wanted[r] == 0) scratch.shown[r] = 1;
     }
   };
   find_bundles(setting, view, scratch);
-  visit_bundles(setting, scratch, list);
+  visit_bundles(setting, scratch, cast);
   statistics.points_tested += lit;
   statistics.back_facing += walked - lit;
   return walked;
@@ -236,9 +232,19 @@ template <class Visit>
   double* chord2 = scratch.chords.data();
   const std::size_t count = setting.sample.size();
   chords_of_sure(setting, view, chord2);
-  const std::int64_t lit = mark({chord2, count}, setting.lookup, scratch.shown.data());
-  statistics.points_tested += lit;
-  return lit;
+  // Most points are unlit or below their horizon: those that are not are told apart first.
+  std::int32_t* __restrict__ hit = scratch.hit.data();
+  std::size_t hits = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    hit[hits] = static_cast<std::int32_t>(i);
+    hits += static_cast<std::size_t>(chord2[i] < dark);
+  }
+  for (std::size_t k = 0; k < hits; ++k) {
+    const double c = chord2[static_cast<std::size_t>(hit[k])];
+    scratch.shown[static_cast<std::size_t>(setting.lookup.row(c))] = 1;
+  }
+  statistics.points_tested += static_cast<std::int64_t>(hits);
+  return static_cast<std::int64_t>(hits);
 }
 
 std::int64_t mark_sure(const BinningSetting& setting, const View& view, BinningScratch& scratch,
@@ -257,41 +263,16 @@ std::int64_t mark_rows(const BinningSetting& setting, const View& view, BinningS
       });
 }
 
-std::int64_t list_points(const BinningSetting& setting, const View& view, BinningScratch& scratch,
-                         BinningStatistics& statistics) {
-  scratch.lit.clear();
+/// Marks what of the rows still missing shadow rays find open. Returns the points looked at.
+std::int64_t cast_for_rows(const BinningSetting& setting, const LightPosition& light,
+                           const View& view, BinningScratch& scratch,
+                           BinningStatistics& statistics) {
   find_intervals(setting, scratch);
+  if (scratch.intervals.empty()) return 0;
   return on_level(
       setting.level, [&]() __attribute__((always_inline)) {
-        return list_body(setting, view, scratch, statistics);
+        return cast_body(setting, light, view, scratch, statistics);
       });
-}
-
-/// Fills rows by shadow rays: a few points of each open row first, the others of those rows whose
-/// tries were all blocked. Returns the points looked at.
-std::int64_t fill_by_rays(const BinningSetting& setting, const LightPosition& light,
-                          const View& view, BinningScratch& scratch,
-                          BinningStatistics& statistics) {
-  const auto rows = static_cast<std::size_t>(setting.lookup.grid().n_h);
-  std::int64_t walked = 0;
-  for (const bool first : {true, false}) {
-    bool more = false;
-    for (std::size_t r = 0; r < rows; ++r) {
-      const bool open =
-          scratch.open_rows[r] != 0 && scratch.filled[r] == 0 && (first || scratch.wanted[r] == 0);
-      scratch.open_rows[r] = open ? 1 : 0;
-      scratch.shown[r] = 0;
-      scratch.wanted[r] = !open   ? 0
-                          : first ? first_tries
-                                  : std::numeric_limits<std::int32_t>::max();
-      scratch.skipped[r] = first ? 0 : first_tries;
-      more = more || open;
-    }
-    if (!more) break;
-    walked += list_points(setting, view, scratch, statistics);
-    if (!scratch.lit.empty()) fill_by_needed_rays(setting, light, rows, scratch, statistics);
-  }
-  return walked;
 }
 
 /// Rows that were looked for and shown are filled.
@@ -303,9 +284,7 @@ void take_shown(std::size_t rows, BinningScratch& scratch) {
 
 void prepare(const BinningSetting& setting, BinningScratch& scratch) {
   const auto rows = static_cast<std::size_t>(setting.lookup.grid().n_h);
-  if (scratch.wanted.size() == rows) return;
-  scratch.wanted.assign(rows, 0);
-  scratch.skipped.assign(rows, 0);
+  if (scratch.shown.size() == rows + 8) return;
   scratch.open_rows.assign(rows + 8, 0);
   scratch.shown.assign(rows + 8, 0);
   scratch.intervals.reserve(rows);
@@ -353,12 +332,11 @@ int fill_one_column(const BinningSetting& setting, const LightPosition& light,
   std::int64_t walked = 0;
   if (setting.casts_rays()) {
     walked = mark_sure(setting, view, scratch, statistics);
-    take_shown(rows, scratch);
-    walked += fill_by_rays(setting, light, view, scratch, statistics);
+    walked += cast_for_rows(setting, light, view, scratch, statistics);
   } else {
     walked = mark_rows(setting, view, scratch, statistics);
-    take_shown(rows, scratch);
   }
+  take_shown(rows, scratch);
   statistics.passed_over += std::max<std::int64_t>(0, in_view - walked);
   return column;
 }

@@ -33,17 +33,45 @@ std::uint32_t spread(std::uint32_t v) {
   return (v | (v << 2)) & 0x09249249;
 }
 
+/// The finite vertices along a Morton curve: what is not a number blocks nothing and lies nowhere.
+std::vector<std::int32_t> along_a_curve(const Eigen::Matrix3Xd& vertices) {
+  const auto n = static_cast<std::size_t>(vertices.cols());
+  std::vector<std::int32_t> order;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (vertices.col(static_cast<Eigen::Index>(i)).allFinite()) {
+      order.push_back(static_cast<std::int32_t>(i));
+    }
+  }
+  if (order.empty()) return order;
+  const Eigen::Vector3d least = vertices(Eigen::all, order).rowwise().minCoeff();
+  const Eigen::Vector3d most = vertices(Eigen::all, order).rowwise().maxCoeff();
+  const double size = std::max((most - least).maxCoeff(), 1e-300);
+  std::vector<std::uint32_t> code(n);
+  for (const std::int32_t v : order) {
+    const auto i = static_cast<std::size_t>(v);
+    for (int axis = 0; axis < 3; ++axis) {
+      const double at = (vertices(axis, static_cast<Eigen::Index>(i)) - least[axis]) / size;
+      code[i] |= spread(static_cast<std::uint32_t>(std::clamp(at * 1023.0, 0.0, 1023.0))) << axis;
+    }
+  }
+  std::sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
+    const auto i = static_cast<std::size_t>(a), j = static_cast<std::size_t>(b);
+    return code[i] != code[j] ? code[i] < code[j] : a < b;
+  });
+  return order;
+}
+
 double ratio(double a, double d2) { return a > 0 ? (d2 > a * a ? a * a / d2 : 1.0) : 0.0; }
 
 /// A corner of a triangle as seen from the origin: n·p and |p|².
-struct Corner {
+struct Seen {
   Eigen::Vector3d p;
   double a, pp;
 };
 
 /// The greatest squared sine inside the segment from p to q, seen from the origin: along it n·d/|d|
 /// has one extremum, where the derivative is 0.
-double of_segment(const Corner& from, const Corner& to) {
+double of_segment(const Seen& from, const Seen& to) {
   if (!(from.a > 0) && !(to.a > 0)) return 0;  // all of it below the horizontal
   const Eigen::Vector3d& p = from.p;
   const Eigen::Vector3d along = to.p - p;
@@ -77,49 +105,40 @@ void HorizonTree::Spheres::add(const Eigen::Vector3d& centre, double sphere_radi
 }
 
 HorizonTree::HorizonTree(const Eigen::Matrix3Xd& vertices, const Eigen::Matrix3Xi& triangles)
-    : vertices_(vertices), triangles_(triangles), level_(vector_level()) {
-  sort_vertices(vertices);
-  if (order_.empty()) return;
-  find_edges(vertices, triangles);
+    : level_(vector_level()) {
+  const std::vector<std::int32_t> order = along_a_curve(vertices);
+  if (order.empty()) return;
+  vertices_ = vertices(Eigen::all, order);
+  std::vector<std::int32_t> place(static_cast<std::size_t>(vertices.cols()), -1);
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    place[static_cast<std::size_t>(order[i])] = static_cast<std::int32_t>(i);
+  }
+  take_triangles(triangles, place);
   build_spheres();
 }
 
-/// Along a Morton curve: what is near stays together.
-void HorizonTree::sort_vertices(const Eigen::Matrix3Xd& vertices) {
-  const auto n = static_cast<std::size_t>(vertices.cols());
-  // What is not a number blocks nothing and lies nowhere.
-  for (std::size_t i = 0; i < n; ++i) {
-    if (vertices.col(static_cast<Eigen::Index>(i)).allFinite()) {
-      order_.push_back(static_cast<std::int32_t>(i));
-    }
-  }
-  if (order_.empty()) return;
-  const Eigen::Vector3d least = vertices(Eigen::all, order_).rowwise().minCoeff();
-  const Eigen::Vector3d most = vertices(Eigen::all, order_).rowwise().maxCoeff();
-  const double size = std::max((most - least).maxCoeff(), 1e-300);
-  std::vector<std::uint32_t> code(n);
-  for (const std::int32_t v : order_) {
-    const auto i = static_cast<std::size_t>(v);
-    for (int axis = 0; axis < 3; ++axis) {
-      const double at = (vertices(axis, static_cast<Eigen::Index>(i)) - least[axis]) / size;
-      code[i] |= spread(static_cast<std::uint32_t>(std::clamp(at * 1023.0, 0.0, 1023.0))) << axis;
-    }
-  }
-  std::sort(order_.begin(), order_.end(), [&](std::int32_t a, std::int32_t b) {
-    const auto i = static_cast<std::size_t>(a), j = static_cast<std::size_t>(b);
-    return code[i] != code[j] ? code[i] < code[j] : a < b;
-  });
-}
-
-void HorizonTree::find_edges(const Eigen::Matrix3Xd& vertices, const Eigen::Matrix3Xi& triangles) {
-  const auto n = static_cast<std::size_t>(vertices.cols());
+/// Triangles and longest edges at each vertex; `place` (vertices) is where they are in vertices_,
+/// −1: nowhere.
+void HorizonTree::take_triangles(const Eigen::Matrix3Xi& triangles,
+                                 std::span<const std::int32_t> place) {
+  const auto n = static_cast<std::size_t>(vertices_.cols());
+  const std::size_t in_group = vertices_in_cluster * clusters_in_group;
+  const std::size_t whole = (n + in_group - 1) / in_group * in_group;
   std::vector<double> edge2(n, 0.0);
-  first_corner_.assign(n + 1, 0);
+  std::vector<std::array<std::int32_t, 3>> taken;
+  taken.reserve(static_cast<std::size_t>(triangles.cols()));
+  first_corner_.assign(whole + 1, 0);
   for (Eigen::Index t = 0; t < triangles.cols(); ++t) {
-    for (int c = 0; c < 3; ++c) {
-      const int a = triangles(c, t), b = triangles((c + 1) % 3, t);
-      const double length2 = (vertices.col(a) - vertices.col(b)).squaredNorm();
-      for (const int v : {a, b}) {
+    std::array<std::int32_t, 3> at{};
+    for (std::size_t c = 0; c < 3; ++c) {
+      at[c] = place[static_cast<std::size_t>(triangles(static_cast<Eigen::Index>(c), t))];
+    }
+    if (std::min({at[0], at[1], at[2]}) < 0) continue;
+    taken.push_back(at);
+    for (std::size_t c = 0; c < 3; ++c) {
+      const std::int32_t a = at[c], b = at[(c + 1) % 3];
+      const double length2 = (vertices_.col(a) - vertices_.col(b)).squaredNorm();
+      for (const std::int32_t v : {a, b}) {
         edge2[static_cast<std::size_t>(v)] = std::max(edge2[static_cast<std::size_t>(v)], length2);
       }
       ++first_corner_[static_cast<std::size_t>(a) + 1];
@@ -128,17 +147,16 @@ void HorizonTree::find_edges(const Eigen::Matrix3Xd& vertices, const Eigen::Matr
   std::partial_sum(first_corner_.begin(), first_corner_.end(), first_corner_.begin());
   corner_.resize(static_cast<std::size_t>(first_corner_.back()));
   std::vector<std::int32_t> next(first_corner_.begin(), first_corner_.end() - 1);
-  for (Eigen::Index t = 0; t < triangles.cols(); ++t) {
-    for (int c = 0; c < 3; ++c) {
-      const auto v = static_cast<std::size_t>(triangles(c, t));
-      corner_[static_cast<std::size_t>(next[v]++)] = static_cast<std::int32_t>(t);
+  for (const std::array<std::int32_t, 3>& at : taken) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      const auto to = static_cast<std::size_t>(next[static_cast<std::size_t>(at[c])]++);
+      corner_[to] = {at[(c + 1) % 3], at[(c + 2) % 3]};
     }
   }
   // The last vertex again and again, to whole groups: no loop has an end of its own.
-  const std::size_t in_group = vertices_in_cluster * clusters_in_group;
-  order_.resize((order_.size() + in_group - 1) / in_group * in_group, order_.back());
-  for (const std::int32_t v : order_) {
-    points_.add(vertices.col(v), 0, edge2[static_cast<std::size_t>(v)]);
+  for (std::size_t i = 0; i < whole; ++i) {
+    const std::size_t v = std::min(i, n - 1);
+    points_.add(vertices_.col(static_cast<Eigen::Index>(v)), 0, edge2[v]);
   }
 }
 
@@ -224,23 +242,26 @@ struct HorizonTree::Eye {
 };
 
 /// The greatest squared sine of the triangles at a vertex: on their edges, or straight above.
-double HorizonTree::of_triangles_at(std::int32_t vertex, const Eigen::Vector3d& eye,
+double HorizonTree::of_triangles_at(std::size_t vertex, const Eigen::Vector3d& eye,
                                     const Eigen::Vector3d& n) const {
+  const auto seen = [&](Eigen::Index v) {
+    Seen corner;
+    corner.p = vertices_.col(v) - eye;
+    corner.a = n.dot(corner.p);
+    corner.pp = corner.p.squaredNorm();
+    return corner;
+  };
+  const auto first = static_cast<std::size_t>(first_corner_[vertex]),
+             last = static_cast<std::size_t>(first_corner_[vertex + 1]);
+  if (first == last) return 0;
   double best = 0;
-  const auto v = static_cast<std::size_t>(vertex);
-  for (std::int32_t c = first_corner_[v]; c < first_corner_[v + 1]; ++c) {
-    const Eigen::Index t = corner_[static_cast<std::size_t>(c)];
-    std::array<Corner, 3> at;
-    for (int i = 0; i < 3; ++i) {
-      Corner& corner = at[static_cast<std::size_t>(i)];
-      corner.p = vertices_.col(triangles_(i, t)) - eye;
-      corner.a = n.dot(corner.p);
-      corner.pp = corner.p.squaredNorm();
-      best = std::max(best, ratio(corner.a, corner.pp));
-    }
-    best = std::max(
-        {best, of_segment(at[0], at[1]), of_segment(at[1], at[2]), of_segment(at[2], at[0])});
-    if (meets(at[0].p, at[1].p, at[2].p, n)) return 1;
+  const Seen own = seen(static_cast<Eigen::Index>(vertex));
+  best = ratio(own.a, own.pp);
+  for (std::size_t c = first; c < last; ++c) {
+    const Seen next = seen(corner_[c].next), other = seen(corner_[c].last);
+    best = std::max({best, ratio(next.a, next.pp), ratio(other.a, other.pp), of_segment(own, next),
+                     of_segment(next, other), of_segment(other, own)});
+    if (meets(own.p, next.p, other.p, n)) return 1;
   }
   return best;
 }
@@ -259,7 +280,7 @@ double HorizonTree::of_triangles_at(std::int32_t vertex, const Eigen::Vector3d& 
     if (excess < infinity) {
       best = std::max(best, from.of_vertex(vertices, i));
     } else if (&vertices == &points_) {
-      best = std::max(best, of_triangles_at(order_[i], eye, n));
+      best = std::max(best, of_triangles_at(i, eye, n));
     }
   };
   for (std::size_t base = 0; base < groups_.size(); base += most_at_once) {
@@ -278,6 +299,9 @@ double HorizonTree::of_triangles_at(std::int32_t vertex, const Eigen::Vector3d& 
         if (!(of_cluster[c] > 0)) continue;
         const std::size_t v = (first + c) * vertices_in_cluster;
         from.excess_of_vertices(points_, v, vertices_in_cluster, best, of_vertex.data());
+        std::int64_t some = 0;  // mostly none
+        for (std::size_t i = 0; i < vertices_in_cluster; ++i) some += of_vertex[i] > 0 ? 1 : 0;
+        if (some == 0) continue;
         for (std::size_t i = 0; i < vertices_in_cluster; ++i) {
           if (of_vertex[i] > 0) look_at(points_, v + i, of_vertex[i]);
         }

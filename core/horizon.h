@@ -30,21 +30,24 @@ class HorizonTree {
   };
   struct Eye;
 
-  void sort_vertices(const Eigen::Matrix3Xd& vertices);
-  void find_edges(const Eigen::Matrix3Xd& vertices, const Eigen::Matrix3Xi& triangles);
+  void take_triangles(const Eigen::Matrix3Xi& triangles, std::span<const std::int32_t> place);
   void build_spheres();
   double look(const Eye& from, const Eigen::Vector3d& eye, const Eigen::Vector3d& n) const;
-  double of_triangles_at(std::int32_t vertex, const Eigen::Vector3d& eye,
+  double of_triangles_at(std::size_t vertex, const Eigen::Vector3d& eye,
                          const Eigen::Vector3d& n) const;
 
-  Eigen::Matrix3Xd vertices_;
-  Eigen::Matrix3Xi triangles_;
-  std::vector<std::int32_t> order_;                  ///< vertices, cluster by cluster
-  Spheres points_;                                   ///< the vertices in that order, radius 0
-  Spheres clusters_, groups_;                        ///< of 32 vertices, of 8 clusters
-  Spheres middles_;                                  ///< a vertex of each group
-  std::vector<std::int32_t> corner_, first_corner_;  ///< triangles at each vertex
-  int level_ = 2;                                    ///< of the processor
+  /// A triangle at a vertex: the other two.
+  struct Corner {
+    std::int32_t next, last;
+  };
+
+  Eigen::Matrix3Xd vertices_;               ///< what is near stays together
+  Spheres points_;                          ///< the same, radius 0, to whole groups
+  Spheres clusters_, groups_;               ///< of 32 vertices, of 8 clusters
+  Spheres middles_;                         ///< a vertex of each group
+  std::vector<Corner> corner_;              ///< of all vertices, one vertex after another
+  std::vector<std::int32_t> first_corner_;  ///< (points + 1)
+  int level_ = 2;                           ///< of the processor
 };
 
 }  // namespace lightrig

@@ -132,6 +132,10 @@ struct Merger {
   void merge_block(std::size_t first, std::size_t n, const float* per_electron) const;
 };
 
+constexpr std::int32_t site_number(RadianceImage::Site site) {
+  return static_cast<std::int32_t>(site);
+}
+
 /// Maximum likelihood of the electron rate φ [e⁻/s] of each site: Σ t x/v(φ) / Σ t²/v(φ) with
 /// v(φ) = φt + σ², re-weighted from its own estimate. Because the weights follow the common φ and
 /// never a frame's own count, the estimating equation has no bias.
@@ -143,6 +147,7 @@ struct Merger {
   RadianceImage* image = merger.image;
   const float full_counts = merger.full_counts, shortest = merger.shortest;
   const std::size_t frames = exposures.size();
+  const std::size_t next = std::min(block, image->L.size() - first - n);  // sites after these
   const auto gain = static_cast<float>(sensor->gain);
   alignas(64) float x[most_frames][block];  // [e⁻]
   alignas(64) float use[most_frames][block];
@@ -166,6 +171,8 @@ struct Merger {
       rate[i] += use[e][i] * x[e][i];
       usable[i] += use[e][i] * exposure.t;
     }
+    // What the next block asks for comes near while this one is worked on.
+    for (std::size_t i = 0; i < next; i += 32) __builtin_prefetch(counts + n + i);
   }
   for (std::size_t i = 0; i < n; ++i) rate[i] /= std::max(usable[i], 1e-30F);
   for (int round = 0; round < options->rounds; ++round) {
@@ -182,23 +189,30 @@ struct Merger {
     for (std::size_t i = 0; i < n; ++i) rate[i] = numerator[i] / std::max(information[i], 1e-30F);
   }
   const auto detection = static_cast<float>(options->detection_sigma);
-  float* L = image->L.data() + first;
-  float* variance = image->variance.data() + first;
-  RadianceImage::Site* site = image->site.data() + first;
+  float* __restrict__ L = image->L.data() + first;
+  float* __restrict__ variance = image->variance.data() + first;
+  RadianceImage::Site* __restrict__ site = image->site.data() + first;
   // Saturated everywhere: the full site at the shortest exposure is what is known, from below.
   const auto least_full = static_cast<float>((double{full_counts} - sensor->black_level) *
                                              sensor->gain / double{shortest});
+  // One choice to a loop: whole vectors go through then, as above.
+  alignas(64) std::int32_t what[block];
   for (std::size_t i = 0; i < n; ++i) {
-    const bool measured = usable[i] > 0;
     const float v = 1 / std::max(information[i], 1e-30F);
-    const bool dark = rate[i] < detection * std::sqrt(v);
-    L[i] = (measured ? rate[i] : least_full) * per_electron[i];
-    variance[i] =
-        measured ? v * per_electron[i] * per_electron[i] : std::numeric_limits<float>::infinity();
-    site[i] = !measured ? RadianceImage::Site::saturated
-              : dark    ? RadianceImage::Site::dark
-                        : RadianceImage::Site::measured;
+    information[i] = v * per_electron[i] * per_electron[i];
+    what[i] = rate[i] < detection * std::sqrt(v) ? site_number(RadianceImage::Site::dark)
+                                                 : site_number(RadianceImage::Site::measured);
   }
+  for (std::size_t i = 0; i < n; ++i) {
+    L[i] = (usable[i] > 0 ? rate[i] : least_full) * per_electron[i];
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    variance[i] = usable[i] > 0 ? information[i] : std::numeric_limits<float>::infinity();
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    what[i] = usable[i] > 0 ? what[i] : site_number(RadianceImage::Site::saturated);
+  }
+  for (std::size_t i = 0; i < n; ++i) site[i] = static_cast<RadianceImage::Site>(what[i]);
 }
 
 // One rounding per operation on any processor: the same bits from each of these.
@@ -272,16 +286,25 @@ Result<void> check_sensor(const SensorModel& sensor) {
 RowSpans spans_of_sites(std::span<const std::int32_t> sites, int width, int height) {
   RowSpans spans{std::vector<std::int32_t>(static_cast<std::size_t>(height), width),
                  std::vector<std::int32_t>(static_cast<std::size_t>(height), 0)};
-  // Points follow the rows: a row's division is not done anew for each of them.
-  std::int32_t row = 0, from = 0;
-  for (const std::int32_t site : sites) {
-    if (site < from || site >= from + width) {
-      row = site / width;
-      from = row * width;
+  // Points mostly follow the rows: then a whole run lies in one, and its ends are enough.
+  constexpr std::size_t run = 128;
+  const auto widen = [&](std::int32_t least, std::int32_t most) {
+    const std::int32_t from = least / width * width;
+    const auto r = static_cast<std::size_t>(least / width);
+    if (most >= from + width) return false;
+    spans.begin[r] = std::min(spans.begin[r], least - from);
+    spans.end[r] = std::max(spans.end[r], most - from + 1);
+    return true;
+  };
+  for (std::size_t i = 0; i < sites.size(); i += run) {
+    const std::span<const std::int32_t> some = sites.subspan(i, std::min(run, sites.size() - i));
+    std::int32_t least = some[0], most = some[0];
+    for (const std::int32_t site : some) {
+      least = std::min(least, site);
+      most = std::max(most, site);
     }
-    const auto r = static_cast<std::size_t>(row);
-    spans.begin[r] = std::min(spans.begin[r], site - from);
-    spans.end[r] = std::max(spans.end[r], site - from + 1);
+    if (widen(least, most)) continue;
+    for (const std::int32_t site : some) widen(site, site);
   }
   for (std::size_t r = 0; r < spans.begin.size(); ++r) {
     spans.begin[r] = std::min(spans.begin[r], spans.end[r]);

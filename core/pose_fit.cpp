@@ -37,7 +37,9 @@ constexpr double shared_error = 4;       // neighbouring blocks err alike: so ma
 constexpr double azimuth_share = 0.5, tilt_share = 15;  // [1] [1/rad]
 constexpr double strange = 5;                           // [sigma]
 constexpr int fewest_blocks = 300;                      // lit …
-constexpr double least_lit = 0.16;                      // … and of the object in the picture
+// … and of the object in the picture: lit from behind, rims and grazing highlights are all there is
+// to see, and the reflectance there is anybody's guess.
+constexpr double least_lit = 0.3;
 constexpr double rim_error = 0.05;  // [px] by which every rim may seem to lie farther out: how
                                     // bright a surface is at grazing view, nobody knows
 constexpr int coarse_iterations = 3, iterations = 10;
@@ -368,16 +370,20 @@ PoseFit fit_pose(const LitPicture& picture, const Mesh& mesh, const Occluder& oc
   const Matrix6 spread = (said + Matrix6::Identity()).inverse();
   const Vector6 expected =
       spread * (said + Matrix6::Identity() / (wide_prior * wide_prior)) * search.units();
-  out.deviation = Eigen::SelfAdjointEigenSolver<Matrix6>(spread, Eigen::EigenvaluesOnly)
-                      .eigenvalues()
-                      .cwiseMax(0)
-                      .cwiseSqrt();
+  const Eigen::SelfAdjointEigenSolver<Matrix6> principal(spread);
+  out.deviation = principal.eigenvalues().cwiseMax(0).cwiseSqrt();
   const Eigen::Matrix3d turned = camera.camera_from_world.linear().transpose();
-  out.off = expected.norm();
-  const Vector6 towards = expected / std::max(out.off, 1e-12);
+  out.motion.topRows<3>() = turned * principal.eigenvectors().topRows<3>();
+  out.motion.bottomRows<3>() = turned * principal.eigenvectors().bottomRows<3>();
+  // By what is seen alone: along other motions a rim lit from behind fits a pose a unit away.
+  const Eigen::Matrix<double, 6, Eigen::Dynamic> seen =
+      principal.eigenvectors().leftCols(out.motions_seen());
+  const Vector6 judged = seen * (seen.transpose() * expected);
+  out.off = judged.norm();
+  const Vector6 towards = judged / std::max(out.off, 1e-12);
   out.sure = out.off - std::sqrt(std::max(0.0, towards.dot(spread * towards)));
-  out.turn = unit_turn * (turned * expected.head<3>());
-  out.shift = unit_shift * box.size * (turned * expected.tail<3>());
+  out.turn = unit_turn * (turned * judged.head<3>());
+  out.shift = unit_shift * box.size * (turned * judged.tail<3>());
   return out;
 }
 

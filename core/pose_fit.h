@@ -24,12 +24,14 @@ struct PoseFit {
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();   ///< [rad] axis times angle
   Eigen::Vector3d shift = Eigen::Vector3d::Zero();  ///< [m]
   /// |(turn, shift)| in units of 1° and 2 % of the object's size, the expected value given that a
-  /// pose is off by about one unit: what the picture does not show, a sphere's turn, is none.
+  /// pose is off by about one unit, along the motions that are seen: a sphere's turn is none.
   double off = 0;
   double sure = 0;  ///< `off` less its own standard error: by so much at least, most likely
   Eigen::Matrix<double, 6, 1> deviation =
       Eigen::Matrix<double, 6, 1>::Ones();  ///< [units] of the six principal motions, best seen
                                             ///< first; 1: not seen at all
+  Eigen::Matrix<double, 6, 6> motion =
+      Eigen::Matrix<double, 6, 6>::Identity();  ///< columns: those six, unit, in units: turn, shift
   double overlap = 1;      ///< [0, 1] of the object's outline as modelled and as found: area shared
                            ///< over area covered
   double unexplained = 1;  ///< [0, 1] share of the lit blocks that look unlike the model as found

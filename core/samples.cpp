@@ -172,19 +172,57 @@ struct Sums {
                                 channels);
   }
 
-  /// Adds point i; returns its site.
-  std::size_t add(std::size_t i, const SitePoint& point, SiteChannel& channel_of,
-                  std::vector<CellSum>& sums) const {
+  std::size_t site_of_point(std::size_t i) const {
     const SurfacePoints& points = *geometry->points;
     const int site = points.from_pixels ? points.source[i]
                                         : *site_of(*geometry, static_cast<Eigen::Index>(i),
                                                    image->width, image->height);
-    const int channel = channel_of(site);
-    const double a = options->lamp_strength[channel] * double{point.irradiance};
-    const auto key =
-        static_cast<std::size_t>(channel * geometry->cells->grid().cells() + point.cell());
-    add_site(sums[key], *image, ambient, static_cast<std::size_t>(site), a);
     return static_cast<std::size_t>(site);
+  }
+
+  CellSum& sum_of(const SitePoint& point, int channel, std::vector<CellSum>& sums) const {
+    return sums[static_cast<std::size_t>(channel * geometry->cells->grid().cells() + point.cell())];
+  }
+
+  void add(std::size_t i, const SitePoint& point, SiteChannel& channel_of,
+           std::vector<CellSum>& sums) const {
+    const std::size_t site = site_of_point(i);
+    const int channel = channel_of(static_cast<int>(site));
+    add_site(sum_of(point, channel, sums), *image, ambient, site,
+             options->lamp_strength[channel] * double{point.irradiance});
+  }
+
+  /// One after the last of the lit pixels from `begin` on that lie side by side in one row and
+  /// cell.
+  std::size_t end_of_run(std::size_t begin, const std::vector<SitePoint>& sites) const {
+    if (!geometry->points->from_pixels) return begin + 1;
+    const std::vector<int>& source = geometry->points->source;
+    const int row_end = (source[begin] / image->width + 1) * image->width;
+    const std::int32_t cell = sites[begin].cell();
+    std::size_t end = begin + 1;
+    while (end < sites.size() && sites[end].cell_or_state == cell && source[end] < row_end &&
+           source[end] == source[end - 1] + 1) {
+      ++end;
+    }
+    return end;
+  }
+
+  /// Adds the run [begin, end), each channel by itself and in the order of add(): sums that stay in
+  /// registers, where those of a cell in memory would wait for each other.
+  void add_run(std::size_t begin, std::size_t end, const std::vector<SitePoint>& sites,
+               SiteChannel& channel_of, std::vector<CellSum>& sums) const {
+    const std::size_t period = image->filter == ColorFilter::mono ? 1 : 2;
+    for (std::size_t first = begin; first < std::min(begin + period, end); ++first) {
+      std::size_t site = site_of_point(first);
+      const int channel = channel_of(static_cast<int>(site));
+      const double strength = options->lamp_strength[channel];
+      CellSum& total = sum_of(sites[first], channel, sums);
+      CellSum sum = total;
+      for (std::size_t i = first; i < end; i += period, site += period) {
+        add_site(sum, *image, ambient, site, strength * double{sites[i].irradiance});
+      }
+      total = sum;
+    }
   }
 
   std::vector<CellSum> over(const std::vector<std::size_t>& points,
@@ -201,14 +239,22 @@ struct Sums {
     SiteChannel channel_of(*image);
     StateCounts states = {};
     std::int64_t saturated = 0, dark = 0;
-    for (std::size_t i = 0; i < sites.size(); ++i) {
+    for (std::size_t i = 0; i < sites.size();) {
       if (!sites[i].lit()) {
-        ++states[static_cast<std::size_t>(sites[i].state())];
+        ++states[static_cast<std::size_t>(sites[i++].state())];
         continue;
       }
-      const std::size_t site = add(i, sites[i], channel_of, sums);
-      saturated += image->site[site] == RadianceImage::Site::saturated;
-      dark += image->site[site] == RadianceImage::Site::dark;
+      const std::size_t end = end_of_run(i, sites);
+      std::int64_t full = 0, black = 0;
+      for (std::size_t j = i; j < end; ++j) {
+        const RadianceImage::Site site = image->site[site_of_point(j)];
+        full += site == RadianceImage::Site::saturated;
+        black += site == RadianceImage::Site::dark;
+      }
+      saturated += full;
+      dark += black;
+      add_run(i, end, sites, channel_of, sums);
+      i = end;
     }
     count(states, statistics);
     statistics.saturated = saturated;

@@ -41,7 +41,10 @@ Scale fit_scale(const StudyChart& chart, bool x_axis) {
     }
   }
   if (!(low <= high)) low = 1, high = 10;
-  if (!log && (x_axis || chart.y_from_zero)) low = std::min(low, 0.0);
+  // An axis that begins far from its first point shows little else.
+  const bool far = x_axis && low > 0.4 * high;
+  if (!log && far) low -= 0.25 * (high - low);
+  if (!log && !far && (x_axis || chart.y_from_zero)) low = std::min(low, 0.0);
   if (!log && !x_axis && !chart.y_from_zero) low -= 0.1 * (high - low);
   if (high <= low) high = log ? low * 10 : low + 1;
   if (log) low /= 1.1, high *= 1.1;
@@ -50,7 +53,7 @@ Scale fit_scale(const StudyChart& chart, bool x_axis) {
                 : Scale{low, high, height - bottom, top, log};
 }
 
-std::vector<double> ticks(const Scale& scale) {
+std::vector<double> ticks(const Scale& scale, bool whole = false) {
   std::vector<double> out;
   if (scale.log) {
     for (double decade = std::pow(10, std::floor(std::log10(scale.low))); decade <= scale.high;
@@ -65,14 +68,15 @@ std::vector<double> ticks(const Scale& scale) {
   }
   const double raw = (scale.high - scale.low) / 6;
   const double power = std::pow(10, std::floor(std::log10(raw)));
-  const double step = power * (raw / power < 2 ? 2 : raw / power < 5 ? 5 : 10);
+  const double fine = power * (raw / power < 2 ? 2 : raw / power < 5 ? 5 : 10);
+  const double step = whole ? std::max(fine, 1.0) : fine;
   for (double t = std::ceil(scale.low / step) * step; t <= scale.high; t += step) out.push_back(t);
   return out;
 }
 
 std::string axes(const StudyChart& chart, const Scale& x, const Scale& y) {
   std::string svg;
-  for (const double t : ticks(x)) {
+  for (const double t : ticks(x, chart.x_label == "lights")) {
     svg += fmt::format(
         "<line class=g x1='{0:.1f}' x2='{0:.1f}' y1='{1}' y2='{2}' /><text x='{0:.1f}' y='{3}' "
         "text-anchor=middle>{4:g}</text>",

@@ -22,6 +22,12 @@ svg .g{stroke:var(--grid)}svg .d{stroke:var(--ink);stroke-dasharray:5 3}
 .spheres{display:flex;flex-wrap:wrap;gap:1.2rem}figure{margin:0}figcaption{text-align:center}.spheres img{max-width:100%}
 .wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px}td,th{padding:2px 10px;text-align:right;border-bottom:1px solid var(--grid)}
 td:first-child,th:first-child,td:nth-child(3),th:nth-child(3){text-align:left}p{max-width:80ch}.soft{color:var(--soft)}
+pre{font-size:12px;overflow-x:auto}th{vertical-align:bottom}
+@media(max-width:640px){body{margin:1rem auto}ul{padding-left:1.2rem}svg text,svg .t{font-size:18px}}
+@page{margin:12mm}
+@media print{body{margin:0;padding:0;max-width:none;font-size:10pt}.wide,pre{overflow:visible}pre{white-space:pre-wrap;font-size:6pt}
+table{font-size:6.5pt;width:100%}td,th{padding:1px 3px}tr,figure,svg{break-inside:avoid}h2{break-after:avoid}
+.charts{grid-template-columns:1fr 1fr;gap:4mm}svg text,svg .t{font-size:17px}.spheres figure{width:47%}}
 </style>)";
 
 std::string escaped(const std::string& text) {

@@ -5,8 +5,11 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <random>
+#include <utility>
+#include <vector>
 
 #include "core/half_diff.h"
 #include "core/planner.h"
@@ -98,20 +101,23 @@ double count_of(const Selection& selection) { return static_cast<double>(selecti
 
 std::vector<StabilityCase> condition_cases() {
   std::vector<StabilityCase> cases;
-  for (const int power : {1, 3, 5, 7, 9, 11, 13, 15, 17, 20, 22}) {
+  const auto add = [&](int power, int rows, int k) {
     const double kappa2 = std::pow(10.0, power);
-    const Eigen::MatrixXd G = graded(static_cast<std::uint64_t>(power), 30, 10, kappa2);
+    const Eigen::MatrixXd G = graded(static_cast<std::uint64_t>(power), rows, k, kappa2);
     const BrdfBasis basis = basis_of(G);
     // Two lights that share the rows: the value is the one of a plan, carried from light to light.
-    const CandidateBins bins = bins_of(basis.grid, {range(0, 18), range(18, 30)});
+    const CandidateBins bins =
+        bins_of(basis.grid, {range(0, 3 * rows / 5), range(3 * rows / 5, rows)});
     const Selection plan = select(basis, bins);
     // Beyond 1e13 rounding of the rows themselves is amplified by κ: only then is more allowed.
     const double tolerance = power <= 13 ? 1e-9 : 1e-15 * std::sqrt(kappa2) * 10;
-    cases.push_back(judged("condition", fmt::format("kappa2 1e{} of 30 rows, 10 components", power),
-                           reference_condition(G).condition,
-                           plan.lights.empty() ? 0 : plan.lights.back().condition,
-                           naive_condition(G), tolerance));
-  }
+    cases.push_back(judged(
+        "condition", fmt::format("kappa2 1e{} of {} rows, {} components", power, rows, k),
+        reference_condition(G).condition, plan.lights.empty() ? 0 : plan.lights.back().condition,
+        naive_condition(G), tolerance));
+  };
+  for (const int power : {1, 3, 5, 7, 9, 11, 13, 15, 17, 20, 22}) add(power, 30, 10);
+  for (const int power : {13, 20}) add(power, 90, 45);
   for (const int power : {30, 34}) {
     const Eigen::MatrixXd G =
         graded(static_cast<std::uint64_t>(power), 30, 10, std::pow(10.0, power));
@@ -233,8 +239,72 @@ std::vector<StabilityCase> angle_cases() {
   return cases;
 }
 
+namespace {
+
+/// The greedy choice of `count` lights as `score` of their rows has it; smallest index on ties.
+template <class Score>
+std::vector<int> greedy(const Eigen::MatrixXd& V, const std::vector<std::vector<std::int32_t>>& of,
+                        int count, const Score& score) {
+  std::vector<int> chosen;
+  std::vector<std::int32_t> cells;
+  while (static_cast<int>(chosen.size()) < count) {
+    double best = infinity;
+    std::vector<std::int32_t> best_cells;
+    int light = -1;
+    for (int i = 0; i < static_cast<int>(of.size()); ++i) {
+      std::vector<std::int32_t> with;
+      std::ranges::set_union(cells, of[static_cast<std::size_t>(i)], std::back_inserter(with));
+      if (with.size() == cells.size()) continue;
+      const double value = score(V(with, Eigen::all));
+      if (!(value < best)) continue;
+      best = value;
+      best_cells = std::move(with);
+      light = i;
+    }
+    chosen.push_back(light);
+    cells = std::move(best_cells);
+  }
+  return chosen;
+}
+
+/// Which lights are chosen where every choice is stiff: twelve that show 20 of 60 rows each, each
+/// of them twice, and four short of rank, whose naive ratio may be negative and so the least.
+std::vector<StabilityCase> choice_cases() {
+  std::vector<StabilityCase> cases;
+  for (const int power : {7, 13, 17, 20}) {
+    std::mt19937_64 random(static_cast<std::uint64_t>(power));
+    const BrdfBasis basis =
+        basis_of(graded(static_cast<std::uint64_t>(power) + 100, 60, 10, std::pow(10.0, power)));
+    std::vector<std::vector<std::int32_t>> of;
+    std::vector<std::int32_t> cells = range(0, 60);
+    for (int i = 0; i < 16; ++i) {
+      std::shuffle(cells.begin(), cells.end(), random);
+      of.emplace_back(cells.begin(), cells.begin() + (i < 4 ? 6 : 20));
+      std::ranges::sort(of.back());
+    }
+    for (std::size_t i = 4; i < 16; ++i) of.push_back(of[i]);
+    const std::vector<int> reference = greedy(basis.V, of, 3, [](const Eigen::MatrixXd& G) {
+      return G.rows() < G.cols() ? infinity : reference_condition(G).condition;
+    });
+    const std::vector<int> naive = greedy(basis.V, of, 3, naive_condition);
+    const Selection plan = select(basis, bins_of(basis.grid, of));
+    double differ = 0, naive_differs = 0;
+    for (std::size_t i = 0; i < reference.size(); ++i) {
+      differ += plan.lights.at(i).candidate != reference[i] ? 1 : 0;
+      naive_differs += naive[i] != reference[i] ? 1 : 0;
+    }
+    cases.push_back(judged("planner",
+                           fmt::format("28 lights at kappa2 1e{}: choices of 3 that differ", power),
+                           0, differ, naive_differs, 0));
+  }
+  return cases;
+}
+
+}  // namespace
+
 std::vector<StabilityCase> planner_cases() {
   std::vector<StabilityCase> cases = order_cases();
+  for (StabilityCase& choice : choice_cases()) cases.push_back(std::move(choice));
   const BrdfBasis basis = basis_of(graded(3, 40, 8, 1e4));
   for (const Criterion criterion : {Criterion::condition, Criterion::a_optimal}) {
     const bool kappa = criterion == Criterion::condition;

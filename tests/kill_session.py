@@ -60,17 +60,18 @@ class Matrix:
         self.build, self.folder, self.reduce_every = build, folder, reduce_every
         self.rig = write_rig(folder / "rig.toml")
         self.root = folder / "sessions"
-        self.points = self.steps = self.reduced = self.identical = self.lost = 0
+        self.points = self.steps = self.reduced = self.identical = self.lost = self.twice = 0
         self.seconds = 0.0
 
-    def service(self, kill_at=None, count=None, how="kill"):
+    def service(self, kill_at=None, count=None, how="kill", more=(), log=None):
         env = {}
         if kill_at is not None:
             env = {"LD_PRELOAD": str(self.build / "libkill_points.so"), "LIGHTRIG_KILL_UNDER": str(self.root),
                    "LIGHTRIG_KILL_AT": str(kill_at), "LIGHTRIG_KILL_HOW": how}
             if count:
                 env["LIGHTRIG_KILL_COUNT"] = str(count)
-        return Service(self.build, self.rig, self.root, self.folder / "s.sock", "--simulate", "--auto-arm", env=env)
+        return Service(self.build, self.rig, self.root, self.folder / "s.sock", "--simulate", *(more or ("--auto-arm",)), env=env,
+                       log_level="info" if log else "error", log=log)
 
     def sessions(self):
         return sorted(f for f in self.root.glob("[0-9]*") if f.is_dir())
@@ -104,19 +105,18 @@ class Matrix:
         shutil.copytree(session, self.folder / "expected")
         return int(steps)
 
-    def kill(self, at=None, after=None):
-        """One point: killed at a step, or after so many seconds; restarted, resumed, compared."""
-        shutil.rmtree(self.root, ignore_errors=True)
+    def strike(self, at=None, after=None, session=None):
+        """A service that begins a session, or resumes one, killed at a step, or after so many seconds; whether it died of it."""
         service = self.service(kill_at=at)
         died = False
         try:
             if after is None:
-                self.run_session(service)
+                self.finish(service, session, ())
             else:
                 service.wait_until_up()
                 end = time.monotonic() + after
                 service.arm()
-                service.ask("POST", "/v1/sessions")
+                service.ask("POST", f"/v1/sessions/{session}/resume" if session else "/v1/sessions")
                 # A machine that has grown quicker has ended the session by then: killed in peace is a moment too.
                 while time.monotonic() < end and service.status()["state"] != "done":
                     time.sleep(min(0.002, max(0, end - time.monotonic())))
@@ -124,10 +124,21 @@ class Matrix:
             died = True
         service.process.kill()
         service.process.wait()
-        if at is not None and not died:
+        return died
+
+    def kill(self, at=None, after=None, again=None):
+        """One point: killed at a step, or after so many seconds, and, with `again`, once more that long into what resumes it;
+        restarted, resumed, compared."""
+        shutil.rmtree(self.root, ignore_errors=True)
+        if not self.strike(at, after) and at is not None:
             return None  # threads took another order and there were fewer steps
         left = self.sessions()
         before = vouched(left[0]) if left else {}
+        if again:
+            self.strike(**again, session=left[0].name if left else None)
+            self.twice += 1
+            left = self.sessions()
+            before = {**before, **(vouched(left[0]) if left else {})}
         ended = left and any(e["event"] == "ended" for e in journal(left[0]))
         whole = ended or self.points % self.reduce_every == 0
         service = self.service()
@@ -145,9 +156,10 @@ class Matrix:
         same = state == ("done" if whole else "reducing") and got == expected
         self.reduced += whole
         self.points, self.identical, self.lost = self.points + 1, self.identical + same, self.lost + lost
-        self.steps += at is not None
+        self.steps += at is not None and not again
         if not same or lost:
             where = f"step {at} ({self.story[at - 1]})" if at else f"{after:.3f} s"
+            where += f", then {again}" if again else ""
             differ = [f for f in sorted({*got, *expected}) if got.get(f) != expected.get(f)]
             print(f"killed at {where}: ended {state}, {lost} frames lost, differ: {' '.join(differ[:6])}", flush=True)
         return same

@@ -42,11 +42,11 @@ class Service:
     connection = None
     used = 0.0  # when the kept connection was used last [s, monotonic]
 
-    def __init__(self, build, rig, root, socket_path, *arguments, env=None, log_level="error"):
+    def __init__(self, build, rig, root, socket_path, *arguments, env=None, log_level="error", log=None):
         self.socket_path = str(socket_path)
         self.process = subprocess.Popen(
             [pathlib.Path(build) / "lightrigd", "--rig", rig, "--session-root", root, "--socket", self.socket_path,
-             "--log-level", log_level, *arguments], env={**os.environ, **(env or {})})
+             "--log-level", log_level, *arguments], env={**os.environ, **(env or {})}, stderr=log)
 
     def wait_until_up(self, seconds=60):
         end = time.monotonic() + seconds

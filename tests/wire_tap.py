@@ -1,9 +1,11 @@
-"""A tap on a gantry's wire: passes every byte on, and notes when a stop command passes. Run as a process of its own, so that its
-clock readings wait for nobody: `wire_tap.py KIND LISTEN FAR` prints "ready", then one CLOCK_MONOTONIC time [s] per stop.
+"""A tap on a gantry's wire: passes every byte on, and notes when a stop command passes, or one that begins a motion. Run as a process of its
+own, so that its clock readings wait for nobody: `wire_tap.py KIND LISTEN FAR` prints "ready", then "stop" or "go" and a CLOCK_MONOTONIC time [s]
+for each.
 
-  modbus  LISTEN and FAR are ports of 127.0.0.1. A stop is the first write of the generic profile's [stop.trigger]: the control word with its stop bit set.
-  rtu     as grbl below; a stop is the same write in an RTU frame.
-  grbl    FAR is a tty; LISTEN is a path that becomes a link to the tap's own pty. A stop is a feed hold or a soft reset.
+  modbus  LISTEN and FAR are ports of 127.0.0.1. A stop is the first write of the generic profile's [stop.trigger]: the control word with its
+          stop bit set; a motion begins with its start or its homing bit.
+  rtu     as grbl below; stops and beginnings are the same writes in RTU frames.
+  grbl    FAR is a tty; LISTEN is a path that becomes a link to the tap's own pty. A stop is a feed hold or a soft reset; what begins is $H or a line of G1.
 """
 import os
 import select
@@ -13,29 +15,30 @@ import termios
 import time
 import tty
 
-CONTROL, STOP = 0x0010, 0x0004
+CONTROL, START, HOME, STOP = 0x0010, 0x0001, 0x0002, 0x0004
 
 
-def is_modbus_stop(pdu):
+def told_modbus(pdu):
     """Function code and data: a single write of the control word, or a write of several from it on."""
-    if len(pdu) >= 5 and pdu[0] == 6:
-        return int.from_bytes(pdu[1:3], "big") == CONTROL and bool(int.from_bytes(pdu[3:5], "big") & STOP)
-    if len(pdu) >= 8 and pdu[0] == 16:
-        return int.from_bytes(pdu[1:3], "big") == CONTROL and bool(int.from_bytes(pdu[6:8], "big") & STOP)
-    return False
+    at = {6: 3, 16: 6}.get(pdu[0] if pdu else 0)
+    if at is None or len(pdu) < at + 2 or int.from_bytes(pdu[1:3], "big") != CONTROL:
+        return None
+    word = int.from_bytes(pdu[at:at + 2], "big")
+    return "stop" if word & STOP else "go" if word & (START | HOME) else None
 
 
-def stops_in(kind, data):
+def told(kind, data):
+    """What these bytes command, all of them read."""
     if kind == "modbus":  # MBAP: transaction, protocol, length, unit
+        words = set()
         while len(data) >= 7:
             length = int.from_bytes(data[4:6], "big")
-            if is_modbus_stop(data[7:6 + length]):
-                return True
+            words.add(told_modbus(data[7:6 + length]))
             data = data[6 + length:]
-        return False
+        return "stop" if "stop" in words else "go" if "go" in words else None
     if kind == "rtu":
-        return is_modbus_stop(data[1:])
-    return b"!" in data or b"\x18" in data
+        return told_modbus(data[1:])
+    return "stop" if b"!" in data or b"\x18" in data else "go" if b"$H" in data or b"G1" in data else None
 
 
 def raw(fd):
@@ -55,8 +58,9 @@ def pass_on(kind, near, far):
             if not data:
                 return
             os.write(far if fd == near else near, data)
-            if fd == near and stops_in(kind, data):
-                print(f"{now:.6f}", flush=True)
+            what = told(kind, data) if fd == near else None
+            if what:
+                print(f"{what} {now:.6f}", flush=True)
 
 
 def main():

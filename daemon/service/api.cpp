@@ -88,6 +88,23 @@ HttpAnswer Api::operator()(const HttpRequest& request) {
   return answer;
 }
 
+bool Api::heed(const HttpRequest& head) {
+  for (const Route& route : routes()) {
+    if (!is_abort(route) || head.method != route.method || !match(route.path, head.path)) continue;
+    if (refuse(head, route)) return false;
+    const Caller caller = caller_of(head);
+    service_.abort(caller, aborted_by(caller));
+    return true;
+  }
+  return false;
+}
+
+std::string Api::aborted_by(const Caller& caller) { return "aborted by " + caller.name; }
+
+bool Api::is_abort(const Route& route) {
+  return route.handle == &Api::abort || route.handle == &Api::abort_session;
+}
+
 HttpAnswer Api::dispatch(const HttpRequest& request) {
   std::string allowed;
   for (const Route& route : routes()) {
@@ -99,7 +116,7 @@ HttpAnswer Api::dispatch(const HttpRequest& request) {
     }
     if (auto refusal = refuse(request, route)) return *refusal;
     // An ABORT is one whatever its body holds.
-    const bool aborts = route.handle == &Api::abort || route.handle == &Api::abort_session;
+    const bool aborts = is_abort(route);
     if (route.large) return read_later(request, route, *id);
     if (request.body.size() > small_body && !aborts)
       return error_reply(413, "invalid_input",

@@ -52,6 +52,10 @@ class Api {
   /// Answers one request; never waits, never throws.
   HttpAnswer operator()(const HttpRequest& request);
 
+  /// Acts on a request whose body has not come yet: on an ABORT that nothing else is the matter
+  /// with, and on nothing else. True where it did.
+  bool heed(const HttpRequest& head);
+
   static std::span<const Route> routes();
 
  private:
@@ -61,6 +65,8 @@ class Api {
   static std::vector<Route> service_routes();
 
   HttpAnswer dispatch(const HttpRequest& request);
+  static bool is_abort(const Route& route);
+  static std::string aborted_by(const Caller& caller);
   std::optional<HttpReply> refuse(const HttpRequest& request, const Route& route) const;
   HttpAnswer read_later(const HttpRequest& request, const Route& route, const std::string& id);
 

@@ -1,5 +1,6 @@
 // The operations of the control API, one line each, and what each does.
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <charconv>
 #include <cmath>
@@ -246,8 +247,15 @@ HttpAnswer Api::rig(const HttpRequest&, const std::string&) {
   }
   Json interlocks = Json::array();
   for (const Interlock& interlock : rig.interlocks) interlocks.push_back(interlock.name);
+  // What stops the drives when this process no longer speaks to them.
+  Json watchdog = nullptr;
+  if (const auto* modbus = std::get_if<ModbusGantry>(&rig.gantry.backend);
+      modbus != nullptr && modbus->controller.watchdog && !service_.simulated())
+    watchdog = std::chrono::duration<double>(modbus->controller.watchdog->timeout).count();
   return json_reply(
       200, {{"name", rig.name},
+            {"process", getpid()},
+            {"drive_watchdog_s", watchdog},
             {"file", rig.path.string()},
             {"text", rig.text},
             {"axes", std::move(axes)},
@@ -260,12 +268,13 @@ HttpAnswer Api::rig(const HttpRequest&, const std::string&) {
 
 HttpAnswer Api::abort(const HttpRequest& request, const std::string&) {
   const Caller caller = caller_of(request);
-  // Whatever the body holds, the stop comes first: no more of it is read than takes no time, and a
-  // reason that cannot be read is no reason less.
+  // The stop came first, with the request's head; only now is it read what for. No more is read
+  // than takes no time, and a reason that cannot be read is no reason less.
+  if (!request.acted) service_.abort(caller, aborted_by(caller));
   const std::string reason = request.body.size() > abort_body
                                  ? std::string()
                                  : text_member(request.body, "reason").value_or("");
-  service_.abort(caller, "aborted by " + caller.name + (reason.empty() ? "" : ": " + reason));
+  if (!reason.empty()) service_.explain_abort(caller, aborted_by(caller), reason);
   return json_reply(200, {{"ok", true}, {"state", name_of(service_.snapshot().state)}});
 }
 

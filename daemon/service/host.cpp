@@ -20,6 +20,7 @@ namespace {
 constexpr std::size_t worker_queue = 64;
 constexpr int heartbeat_ticks = 15;
 constexpr int disk_ticks = 5;
+constexpr int device_ticks = 30;
 
 // One service, one rig: the rig file is held for as long as this process lives, however it ends. In
 // memory every service has a rig of its own.
@@ -82,7 +83,10 @@ Result<std::string> token_of(const std::filesystem::path& file) {
   return *text;
 }
 
-Host::Host(Log& log) : log_(log), worker_(std::make_unique<Worker>(worker_queue)) {}
+Host::Host(Log& log)
+    : log_(log),
+      worker_(std::make_unique<Worker>(worker_queue)),
+      looker_(std::make_unique<Worker>(1)) {}
 
 Result<std::unique_ptr<Host>> Host::start(HostSettings settings, Log& log) {
   std::unique_ptr<Host> host(new Host(log));
@@ -110,6 +114,7 @@ Host::~Host() {
   // Streams end, then the replies being made; then nothing is suspended and the servers may go.
   hub_.close();
   worker_->stop();
+  looker_->stop();
   servers_.clear();
 }
 
@@ -158,8 +163,8 @@ Result<void> Host::serve(FileDescriptor fd, bool tcp, const HostSettings& settin
   apis_.push_back(std::make_unique<Api>(*service_, hub_, log_, guard_));
   Api& api = *apis_.back();
   auto server = HttpServer::start(
-      std::move(fd), tcp, [&api](const HttpRequest& request) { return api(request); }, hub_,
-      *worker_, settings.limits);
+      std::move(fd), tcp, [&api](const HttpRequest& request) { return api(request); },
+      [&api](const HttpRequest& head) { return api.heed(head); }, hub_, *worker_, settings.limits);
   if (!server) return tl::unexpected(server.error());
   servers_.push_back(std::move(*server));
   return {};
@@ -170,6 +175,7 @@ void Host::tick() {
   if (ticks_ % heartbeat_ticks == 0) hub_.heartbeat();
   // A hanging network disk holds the worker then, not whoever ticks.
   if (ticks_ % disk_ticks == 0) worker_->post([this] { service_->look_at_disk(); });
+  if (ticks_ % device_ticks == 0) looker_->post([this] { service_->look_at_devices(); });
   ++ticks_;
 }
 

@@ -33,7 +33,7 @@ class Host {
   Host(const Host&) = delete;
   Host& operator=(const Host&) = delete;
 
-  /// What must be done about once a second: connections, heartbeats, disk.
+  /// What must be done about once a second: connections, heartbeats, disk, self-test.
   void tick();
 
   /// True while the session thread keeps its promise: then the watchdog may be fed.
@@ -61,6 +61,7 @@ class Host {
   std::vector<std::unique_ptr<Api>> apis_;
   std::vector<std::unique_ptr<HttpServer>> servers_;
   std::unique_ptr<Worker> worker_;
+  std::unique_ptr<Worker> looker_;  ///< of the self-test, which nobody's reply may wait for
   int ticks_ = 0;
 };
 

@@ -25,7 +25,8 @@ struct HttpRequest {
   std::map<std::string, std::string> headers;  ///< names in lower case
   std::string body;
   bool over_tcp = false;
-  std::string peer;  ///< "uid 1000 pid 4711", or the TCP peer's address
+  bool acted = false;  ///< the head alone was enough (HttpHead): what it asks for is under way
+  std::string peer;    ///< "uid 1000 pid 4711", or the TCP peer's address
 
   /// A header's value, or "".
   const std::string& header(const std::string& lower_case_name) const;
@@ -52,6 +53,11 @@ using HttpAnswer = std::variant<HttpReply, HttpLater, HttpEvents>;
 /// device, no waiting.
 using HttpHandler = std::function<HttpAnswer(const HttpRequest&)>;
 
+/// Told of a request once its head is there and before any of its body is: true where it has acted
+/// on that already. The handler is asked all the same, for the answer; of such a request no body is
+/// refused, and none that is too large is kept. Runs where the handler does.
+using HttpHead = std::function<bool(const HttpRequest&)>;
+
 struct HttpLimits {
   int connections = 64;  ///< above this the one that has asked for nothing the longest is dropped
   int streams = 16;      ///< readers of events, over all sockets
@@ -68,8 +74,9 @@ class HttpServer {
   /// `hub` and `worker` must outlive the server, and must be closed and stopped before it is
   /// destroyed. Errors: refused.
   static Result<std::unique_ptr<HttpServer>> start(FileDescriptor listening, bool tcp,
-                                                   HttpHandler handler, EventHub& hub,
-                                                   Worker& worker, const HttpLimits& limits);
+                                                   HttpHandler handler, HttpHead head,
+                                                   EventHub& hub, Worker& worker,
+                                                   const HttpLimits& limits);
   ~HttpServer();
   HttpServer(const HttpServer&) = delete;
   HttpServer& operator=(const HttpServer&) = delete;

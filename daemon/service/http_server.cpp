@@ -86,12 +86,18 @@ void ignore_log(void*, const char*, va_list) {}
 }  // namespace
 
 struct HttpServer::Impl {
-  Impl(bool over_tcp, HttpHandler handle, EventHub& events, Worker& slow_worker,
+  Impl(bool over_tcp, HttpHandler handle, HttpHead heed, EventHub& events, Worker& slow_worker,
        const HttpLimits& most)
-      : tcp(over_tcp), handler(std::move(handle)), hub(events), worker(slow_worker), limits(most) {}
+      : tcp(over_tcp),
+        handler(std::move(handle)),
+        head(std::move(heed)),
+        hub(events),
+        worker(slow_worker),
+        limits(most) {}
 
   bool tcp;
   HttpHandler handler;
+  HttpHead head;
   EventHub& hub;
   Worker& worker;
   HttpLimits limits;
@@ -152,9 +158,12 @@ MHD_Result HttpServer::Impl::begin(MHD_Connection* connection, const char* url, 
   request.over_tcp = tcp;
   request.peer =
       peer_of(MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd);
+  request.acted = head(request);
   const std::string& length = request.header("content-length");
-  if (length.size() > 18 ||
-      (!length.empty() && std::strtoull(length.c_str(), nullptr, 10) > limits.body_bytes))
+  const bool too_long =
+      length.size() > 18 ||
+      (!length.empty() && std::strtoull(length.c_str(), nullptr, 10) > limits.body_bytes);
+  if (too_long && !request.acted)
     return send(connection,
                 error_reply(413, "invalid_input",
                             fmt::format("the body may have {} bytes at most", limits.body_bytes)));
@@ -183,7 +192,8 @@ MHD_Result HttpServer::Impl::on_request(MHD_Connection* connection, const char* 
 MHD_Result HttpServer::Impl::answer(MHD_Connection* connection, Exchange& exchange) {
   if (exchange.later) return send(connection, *exchange.later);
   set_phase(connection, Connection::Phase::answering);
-  if (exchange.too_large)
+  if (exchange.too_large && exchange.request.acted) exchange.request.body.clear();
+  if (exchange.too_large && !exchange.request.acted)
     return send(connection,
                 error_reply(413, "invalid_input",
                             fmt::format("the body may have {} bytes at most", limits.body_bytes)));
@@ -282,9 +292,10 @@ void handle_connection(void* cls, MHD_Connection* connection, void**,
 }  // namespace
 
 Result<std::unique_ptr<HttpServer>> HttpServer::start(FileDescriptor listening, bool tcp,
-                                                      HttpHandler handler, EventHub& hub,
-                                                      Worker& worker, const HttpLimits& limits) {
-  auto impl = std::make_unique<Impl>(tcp, std::move(handler), hub, worker, limits);
+                                                      HttpHandler handler, HttpHead head,
+                                                      EventHub& hub, Worker& worker,
+                                                      const HttpLimits& limits) {
+  auto impl = std::make_unique<Impl>(tcp, std::move(handler), std::move(head), hub, worker, limits);
   const auto timeout = static_cast<unsigned int>(
       std::chrono::ceil<std::chrono::seconds>(limits.request).count() + 1);
   // Room above our own limit: a newcomer is accepted while the idlest is being closed.

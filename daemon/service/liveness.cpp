@@ -3,11 +3,11 @@
 namespace lightrig {
 
 void Liveness::promise(std::chrono::milliseconds within) {
-  until_ = (SteadyClock::now() + within).time_since_epoch().count();
+  until_ = (now_() + within).time_since_epoch().count();
 }
 
-bool Liveness::holds(SteadyClock::time_point now) const {
-  return now.time_since_epoch().count() <= until_;
+bool Liveness::holds(SteadyClock::time_point at) const {
+  return at.time_since_epoch().count() <= until_;
 }
 
 }  // namespace lightrig

@@ -2,6 +2,8 @@
 
 #include <atomic>
 #include <chrono>
+#include <functional>
+#include <utility>
 
 namespace lightrig {
 
@@ -11,12 +13,18 @@ namespace lightrig {
 class Liveness {
  public:
   using SteadyClock = std::chrono::steady_clock;
+  using Now = std::function<SteadyClock::time_point()>;
 
-  /// The session thread lives, and will say so again within this long.
+  explicit Liveness(Now now = &SteadyClock::now) : now_(std::move(now)) {}
+
+  /// The session thread lives, or what it waits for got something done, and will say so again
+  /// within this long. From any thread.
   void promise(std::chrono::milliseconds within);
-  bool holds(SteadyClock::time_point now = SteadyClock::now()) const;
+  bool holds() const { return holds(now_()); }
+  bool holds(SteadyClock::time_point at) const;
 
  private:
+  Now now_;
   std::atomic<SteadyClock::rep> until_{SteadyClock::time_point::max().time_since_epoch().count()};
 };
 

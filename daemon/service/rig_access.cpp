@@ -19,7 +19,8 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr std::chrono::seconds answer_time{5};  ///< for a question that moves nothing
+constexpr std::chrono::seconds answer_time{5};    ///< for a question that moves nothing
+constexpr std::chrono::seconds braking_time{10};  ///< of an arm that was stopped
 
 /// Devices being opened on a thread of their own, and whoever waits for them.
 class Opening {
@@ -81,9 +82,29 @@ Result<RigFacts> RigAccess::open(const ObjectConfig& object, const std::stop_tok
     devices_.reset();
     return tl::unexpected(with_context("make the lamp dark", dark.error()));
   }
-  auto now = facts(stop);
+  auto now = facts_at_rest(stop);
   if (!now) devices_.reset();
   return now;
+}
+
+// An abort's stop may still brake the arm: taken for its place, where it is now would differ from
+// where it comes to rest, as if it had moved by itself.
+Result<RigFacts> RigAccess::facts_at_rest(const std::stop_token& stop) {
+  const TimePoint latest = clock_->now() + braking_time;
+  while (true) {
+    auto now = facts(stop);
+    // What stands in the way anyhow is said at once.
+    if (!now || now->gantry.at_rest || !now->gantry.alarm.empty() ||
+        !now->gantry.open_interlocks.empty())
+      return now;
+    if (stop.stop_requested()) return fail(ErrorCode::stopped, "the gantry still moves; stopped");
+    if (clock_->now() >= latest)
+      return fail(ErrorCode::refused,
+                  fmt::format("the gantry has not come to rest within {} s, and nothing here moves "
+                              "it: find out what does, another program or a pendant",
+                              braking_time.count()));
+    clock_->sleep_until(clock_->now() + std::chrono::milliseconds(50), stop);
+  }
 }
 
 Result<Devices> RigAccess::open_now(Reopen what) {

@@ -34,9 +34,10 @@ class RigAccess {
   RigAccess(const Rig& rig, bool simulate, double clock_rate);
   ~RigAccess();
 
-  /// Opens all devices, makes the lamp dark and asks everyone how they are. A simulated rig gets
-  /// this object in front of its camera; open with another object, it is opened anew. Errors: those
-  /// of the devices, with what to do.
+  /// Opens all devices, makes the lamp dark, waits for an arm that still brakes, and asks everyone
+  /// how they are. A simulated rig gets this object in front of its camera; open with another
+  /// object, it is opened anew. Errors: those of the devices, with what to do; refused where the
+  /// gantry does not come to rest.
   Result<RigFacts> open(const ObjectConfig& object, const std::stop_token& stop);
 
   /// Lamp dark, motion stopped, devices given back. True if the lamp is known to be dark.
@@ -46,6 +47,9 @@ class RigAccess {
   bool is_open() const { return devices_.has_value(); }
 
   Result<RigFacts> facts(const std::stop_token& stop);
+  /// The same once the gantry rests, or at once where it has an alarm or an open interlock. Errors:
+  /// refused where it does not come to rest.
+  Result<RigFacts> facts_at_rest(const std::stop_token& stop);
   Result<void> home(const std::stop_token& stop);
   Result<void> clear_fault(const std::stop_token& stop);
   /// What a session has put before the camera, for whoever moves the gantry after it.

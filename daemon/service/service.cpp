@@ -113,7 +113,10 @@ void Service::drop_waiting(const std::string& why) {
   slot_.reset();
 }
 
-void Service::set_state(State state, const std::string& reason, const SessionWords& words) {
+void Service::set_state(State state, const std::string& given, const SessionWords& words) {
+  // Whoever read an ABORT's reason before it was explained brings the shorter one.
+  const bool explained = !aborted_.explained.empty() && given == aborted_.given;
+  const std::string reason = explained ? aborted_.explained : given;
   if (state != state_) state_since_ = SteadyClock::now();
   state_ = state;
   state_reason_ = reason;
@@ -343,6 +346,10 @@ void Service::abort(const Caller& caller, const std::string& reason) {
     if (active_ != nullptr) active_->abort(reason);
     before = state_;
     ++aborts_;
+    // In hand from when it was asked for: the session thread may not have begun it yet.
+    const bool of_a_session =
+        session_ && (session_in_hand_ || (active_ == nullptr && before == State::paused));
+    aborted_ = {active_, of_a_session ? session_->id : "", reason, ""};
     drop_waiting("aborted before it began");
     set_state(*next(state_, Event::abort), reason);
     session_in_hand_ = session_in_hand_ && active_ != nullptr;
@@ -357,6 +364,24 @@ void Service::abort(const Caller& caller, const std::string& reason) {
                          {"by", caller.name},
                          {"peer", caller.peer},
                          {"reason", reason}});
+  tell_state();
+}
+
+void Service::explain_abort(const Caller& caller, const std::string& given,
+                            const std::string& why) {
+  const std::string reason = given + ": " + why;
+  {
+    const std::lock_guard lock(mutex_);
+    // Its words may come seconds after it: whatever has begun since is none of its concern.
+    if (active_ != nullptr && active_ == aborted_.command) {
+      active_->abort(reason);
+      if (given == aborted_.given) aborted_.explained = reason;
+    }
+    if (state_reason_ == given) state_reason_ = reason;
+    if (session_ && session_->id == aborted_.session && session_->reason == given)
+      session_->reason = reason;
+  }
+  log_.info("abort_reason", {{"by", caller.name}, {"reason", why}});
   tell_state();
 }
 

@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
@@ -42,14 +44,6 @@ struct CommandRecord {
   std::string message;            ///< what was done, or why not
 };
 
-/// What was known after so many lights, as captured so far.
-struct CurveEntry {
-  int lights = 0;
-  double elapsed_s = 0;
-  double predicted_error_percent = 0;
-  std::optional<double> held_out_error_percent, true_error_percent;
-};
-
 /// The session in hand, or the last one.
 struct SessionView {
   std::string id;
@@ -59,8 +53,16 @@ struct SessionView {
   std::string paused_by;  ///< "person", "condition" or "no_space" while it is paused, else ""
   SessionProgress progress;
   bool pause_requested = false, stop_requested = false;
-  std::vector<CurveEntry> curve;
+  std::vector<CurvePoint> curve;
   std::filesystem::path result;  ///< folder of the result; empty before it stands
+};
+
+/// What was last found of a device, by looking for it or by opening it.
+struct DeviceLook {
+  std::string device;
+  bool good = false;
+  std::string said;
+  double age_s = 0;  ///< [s] since then
 };
 
 /// One consistent moment of the service.
@@ -73,6 +75,7 @@ struct Snapshot {
   bool busy = false;    ///< the command slot is taken
   bool lamp_may_be_on = false;
   std::vector<std::string> why_not_ready;
+  std::vector<DeviceLook> self_test;  ///< empty where the rig is simulated
   std::optional<RigLock> lock;
   std::optional<RigFacts> facts;  ///< while devices are open
   std::optional<SessionView> session;
@@ -136,6 +139,9 @@ class Service {
 
   /// Stops whatever moves: requests the stop before it does anything else, takes no queue.
   void abort(const Caller& caller, const std::string& reason);
+  /// Adds to an abort what it was for: it may come later than the stop. `given` is the reason that
+  /// abort() had; where another has come since, that one stays.
+  void explain_abort(const Caller& caller, const std::string& given, const std::string& why);
 
   Result<void> lock(const Caller& caller, const std::string& note);
   /// `force` takes the lock from whoever holds it.
@@ -146,9 +152,14 @@ class Service {
   Snapshot snapshot() const;
   Preview& preview() { return preview_; }
   const Rig& rig() const { return settings_.rig; }
+  bool simulated() const { return settings_.simulate; }
 
   /// Looks at the disk; to be called every few seconds, from a thread that may wait.
   void look_at_disk();
+
+  /// Looks whether the rig's real devices are there (reach_of), while nothing is under way; to be
+  /// called about twice a minute, from a thread that may wait for a second. Opens none.
+  void look_at_devices();
 
   /// Aborts what is under way, makes the lamp dark, ends the session thread.
   void shut_down();
@@ -199,6 +210,8 @@ class Service {
   Result<std::string> do_snap(SessionControl& control, double exposure, bool lit);
   void remember(const RigFacts& facts);
   void lamp_unsure(bool unsure);
+  void found(const std::string& device, bool good, const std::string& said);  ///< under mutex_
+  void opened(const Result<RigFacts>& facts);
 
   // session_run.cpp: one session on the session thread
   Result<std::string> do_session(SessionControl& control, const std::string& id,
@@ -219,7 +232,9 @@ class Service {
   void on_event(const JournalEvent& event);
   void on_progress(const SessionProgress& progress);
   void on_frame(const Frame& frame, const std::string& shot);
+  void on_points(std::span<const CurvePoint> points);
   std::chrono::milliseconds longest_step() const;
+  Patience computing(const SessionControl& control);
 
   const ServiceSettings settings_;
   const Log& log_;
@@ -252,8 +267,22 @@ class Service {
     std::string key;
     std::uint64_t id = 0;
   } last_jog_;  ///< the same of the last accepted jog, and its command
+  struct Found {
+    bool good = false;
+    std::string said;
+    SteadyClock::time_point at;
+  };
+  std::map<std::string, Found> found_;  ///< of devices that are real, by name
+  std::uint64_t openings_ = 0;
   std::string disk_trouble_;
   std::uintmax_t disk_free_bytes_ = 0;
+  /// What the last ABORT struck, for the reason that follows it.
+  struct Aborted {
+    const SessionControl* command = nullptr;  ///< until it ends
+    std::string session;
+    std::string given, explained;  ///< its reason, and with what came later; "" before
+  };
+  Aborted aborted_;
   std::uint64_t frames_ = 0, sessions_done_ = 0, aborts_ = 0, faults_ = 0;
   std::thread thread_;  ///< last: it uses all of the above
 };

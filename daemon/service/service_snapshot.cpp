@@ -7,11 +7,13 @@
 #include <cstring>
 
 #include "daemon/service/service.h"
+#include "drivers/reach.h"
 
 namespace lightrig {
 namespace {
 
 constexpr std::uintmax_t least_free_bytes = std::uintmax_t{64} << 20;
+constexpr std::chrono::milliseconds discovery_patience{500};  ///< a camera answers in a few
 
 }  // namespace
 
@@ -68,6 +70,11 @@ std::vector<std::string> Service::obstacles() const {
   if (facts_)
     for (const std::string& input : facts_->gantry.open_interlocks)
       why.push_back(fmt::format("interlock {} is open: close it", input));
+  const auto now = SteadyClock::now();
+  for (const auto& [device, one] : found_)
+    if (!one.good)
+      why.push_back(fmt::format("{}: {} ({:.0f} s ago)", device, one.said,
+                                std::chrono::duration<double>(now - one.at).count()));
   return why;
 }
 
@@ -86,6 +93,8 @@ Snapshot Service::snapshot() const {
   moment.busy = active_ != nullptr || slot_.has_value();
   moment.lamp_may_be_on = lamp_may_be_on_;
   moment.why_not_ready = obstacles();
+  for (const auto& [device, one] : found_)
+    moment.self_test.push_back({device, one.good, one.said, seconds(one.at)});
   moment.lock = lock_;
   moment.facts = facts_;
   moment.session = session_;
@@ -96,6 +105,40 @@ Snapshot Service::snapshot() const {
   moment.aborts = aborts_;
   moment.faults = faults_;
   return moment;
+}
+
+// --- the self-test ------------------------------------------------------------------------------
+
+void Service::found(const std::string& device, bool good, const std::string& said) {
+  found_[device] = {good, said, SteadyClock::now()};
+}
+
+// What opening says of all devices outweighs what was seen of one before.
+void Service::opened(const Result<RigFacts>& facts) {
+  if (settings_.simulate) return;
+  const std::lock_guard lock(mutex_);
+  ++openings_;
+  if (facts)
+    for (auto& [device, one] : found_) one = {true, "it was opened", SteadyClock::now()};
+  found("opening", facts.has_value(),
+        facts ? "gantry, lamp and camera answered; " + facts->camera : facts.error().message);
+}
+
+void Service::look_at_devices() {
+  const auto idle = [this] {
+    const bool still = !is_armed(state_) || state_ == State::armed || state_ == State::done;
+    return still && active_ == nullptr && !slot_;
+  };
+  std::uint64_t openings = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    if (settings_.simulate || !idle()) return;
+    openings = openings_;
+  }
+  const std::vector<Reach> all = reach_of(settings_.rig, discovery_patience);
+  const std::lock_guard lock(mutex_);
+  if (openings != openings_ || !idle()) return;  // what was opened meanwhile is known better
+  for (const Reach& one : all) found(one.device, one.there, one.said);
 }
 
 void Service::look_at_disk() {

@@ -19,8 +19,8 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto computing_promise = 60min;  ///< the longest plan or reduction we wait for
-constexpr auto step_promise = 120s;        ///< storing a frame, asking a device, retries
+constexpr auto computing_promise = 5min;  ///< between two things that a computation gets done
+constexpr auto step_promise = 120s;       ///< storing a frame, asking a device, retries
 constexpr std::chrono::seconds longest_space_wait = 10min;  ///< between tries on a full disk
 constexpr std::uintmax_t freed_bytes = 1 << 20;             ///< more than before: worth a try
 constexpr int truth_phi = 180;  ///< φd values the truth is averaged over: MERL's own
@@ -43,6 +43,12 @@ std::chrono::milliseconds Service::longest_step() const {
                          rig.camera.readout_time;
   return std::chrono::milliseconds(std::llround(seconds * 1e3)) + rig.gantry.move_time_margin +
          rig.gantry.homing_timeout + step_promise;
+}
+
+// A plan or a reduction is alive as long as it gets something done.
+Patience Service::computing(const SessionControl& control) {
+  liveness_.promise(computing_promise);
+  return {control.stop_token(), [this] { liveness_.promise(computing_promise); }};
 }
 
 // Where the truth is known because the laboratory is simulated, every session states its true
@@ -70,13 +76,13 @@ Result<std::string> Service::refuse_session(const Error& error) {
 
 Result<std::string> Service::do_session(SessionControl& control, const std::string& id,
                                         StartRequest request) {
-  liveness_.promise(computing_promise);
+  const Patience patience = computing(control);
   if (auto dark = darken(); !dark) return tl::unexpected(dark.error());
   const Rig& rig = settings_.rig;
   if (auto truth = add_truth(request.spec); !truth) return refuse_session(truth.error());
   const std::stop_token stop = control.stop_token();
-  auto prepared = request.plan ? prepare_with_plan(rig, request.spec, *request.plan, stop)
-                               : prepare(rig, request.spec, false, stop);
+  auto prepared = request.plan ? prepare_with_plan(rig, request.spec, *request.plan, patience)
+                               : prepare(rig, request.spec, false, patience);
   if (!prepared && stop.stop_requested()) return not_begun(control, "plan session " + id);
   if (!prepared) return refuse_session(with_context("plan session " + id, prepared.error()));
   if (request.plan) {
@@ -100,7 +106,7 @@ Result<std::string> Service::do_session(SessionControl& control, const std::stri
 }
 
 Result<std::string> Service::do_resume(SessionControl& control, const std::filesystem::path& root) {
-  liveness_.promise(computing_promise);
+  const Patience patience = computing(control);
   if (auto dark = darken(); !dark) return tl::unexpected(dark.error());
   auto record = read_session_folder(root);
   if (!record) return refuse_session(with_context("resume", record.error()));
@@ -110,8 +116,7 @@ Result<std::string> Service::do_resume(SessionControl& control, const std::files
                                        "{}; start the service with the session's own rig.toml",
                                        root.filename().string(), settings_.rig.path.string())});
   if (record->state == "done") return finish_resumed(control, *record);
-  auto prepared =
-      prepare_with_plan(settings_.rig, record->spec, record->plan, control.stop_token());
+  auto prepared = prepare_with_plan(settings_.rig, record->spec, record->plan, patience);
   if (!prepared && control.stop_token().stop_requested()) return not_begun(control, "resume");
   if (!prepared) return refuse_session(with_context("resume", prepared.error()));
   log_.info("resuming", {{"session", root.filename().string()},
@@ -220,6 +225,7 @@ Result<std::string> Service::finish_session(SessionControl& control, const Sessi
       return fail(ErrorCode::refused, end.reason);
   }
   if (auto facts = access_.facts(control.stop_token())) remember(*facts);
+  liveness_.promise(computing_promise);
   apply(Event::captured, end.reason);
   return reduce(control, folder);
 }
@@ -267,10 +273,13 @@ Result<void> Service::wait_for_space(SessionControl& control, const std::filesys
 Result<std::string> Service::reduce(SessionControl& control, const SessionFolder& folder) {
   const std::string id = folder.root.filename().string();
   Result<ReductionSummary> summary = ReductionSummary{};
+  const Patience patience = computing(control);
   const auto reduced =
       while_there_is_space(control, folder.root, Event::captured, [&]() -> Result<void> {
-        summary =
-            reduce_session(folder.root, folder.root, settings_.threads, {}, control.stop_token());
+        summary = reduce_session(folder.root, folder.root, settings_.threads, {}, patience,
+                                 [this](const CurvePoint& point) {
+                                   on_points({&point, 1});
+                                 });
         return summary ? Result<void>() : tl::unexpected(summary.error());
       });
   if (!reduced) {
@@ -285,7 +294,7 @@ Result<std::string> Service::reduce(SessionControl& control, const SessionFolder
     return tl::unexpected(with_context("reduce the session", reduced.error()));
   }
   const auto sealed = while_there_is_space(control, folder.root, Event::captured,
-                                           [&] { return seal_session(folder); });
+                                           [&] { return seal_session(folder, patience); });
   if (!sealed && control.stop_token().stop_requested())
     return tl::unexpected(with_context("seal the session", sealed.error()));
   if (!sealed) log_.warning("not_sealed", {{"session", id}, {"reason", sealed.error().message}});
@@ -295,10 +304,7 @@ Result<std::string> Service::reduce(SessionControl& control, const SessionFolder
   {
     const std::lock_guard lock(mutex_);
     ++sessions_done_;
-    session_->curve.clear();
-    for (const CurvePoint& point : summary->curve)
-      session_->curve.push_back({point.lights, point.elapsed_s, point.predicted_error_percent,
-                                 point.held_out_error_percent, point.true_error_percent});
+    session_->curve = summary->curve;
     if (!summary->curve.empty()) session_->progress.predicted_error_percent = predicted;
     if (summary->has_truth) session_->progress.true_error_percent = summary->true_error.percent_log;
     session_->progress.activity = "done";
@@ -356,13 +362,31 @@ void Service::on_progress(const SessionProgress& progress) {
     if (facts_ && facts_->lamp && progress.lamp_power) facts_->lamp->power = *progress.lamp_power;
     facts = facts_;
     session_->progress = progress;
-    const int known = session_->curve.empty() ? 0 : session_->curve.back().lights;
-    if (progress.shots_done > known)
-      session_->curve.push_back({progress.shots_done, progress.elapsed_s,
-                                 progress.predicted_error_percent, progress.held_out_error_percent,
-                                 progress.true_error_percent});
+    session_->progress.curve.clear();
   }
   hub_.update("progress", progress_json(session, progress, facts));
+  on_points(progress.curve);
+}
+
+// The curve grows as lights are reduced: also by those of before a restart, which are again.
+void Service::on_points(std::span<const CurvePoint> points) {
+  bool news = false;
+  {
+    const std::lock_guard lock(mutex_);
+    std::vector<CurvePoint>& curve = session_->curve;
+    // A light taken back takes its point along.
+    news = std::erase_if(curve, [&](const CurvePoint& point) {
+             return point.lights > session_->progress.shots_done;
+           }) > 0;
+    for (const CurvePoint& point : points) {
+      auto at = std::ranges::lower_bound(curve, point.lights, {}, &CurvePoint::lights);
+      if (at != curve.end() && *at == point) continue;
+      if (at == curve.end() || at->lights != point.lights) at = curve.insert(at, point);
+      *at = point;
+      news = true;
+    }
+  }
+  if (news) tell_state();
 }
 
 void Service::on_frame(const Frame& frame, const std::string& shot) {

@@ -66,6 +66,7 @@ void Service::execute(const Command& command) {
   {
     const std::lock_guard lock(mutex_);
     active_ = nullptr;
+    aborted_.command = nullptr;
     session_in_hand_ = false;
   }
   record_end(command.id, end);
@@ -131,11 +132,12 @@ void Service::idle_check() {
 Result<std::string> Service::do_arm(SessionControl& control) {
   liveness_.promise(short_promise);
   auto facts = access_.open(object_, control.stop_token());
+  if (facts || !control.stop_token().stop_requested()) opened(facts);
   if (!facts) return tl::unexpected(with_context("arm the rig", facts.error()));
   if (!facts->gantry.alarm.empty()) {
     // Arming is the deliberate act that a latched alarm waits for; one that stays refuses it.
     auto cleared = access_.clear_fault(control.stop_token());
-    if (cleared) facts = access_.facts(control.stop_token());
+    if (cleared) facts = access_.facts_at_rest(control.stop_token());
     if (!cleared || !facts || !facts->gantry.alarm.empty())
       return fail(ErrorCode::refused,
                   fmt::format("arm the rig: the gantry's alarm stays ({}); mend its cause",

@@ -43,7 +43,7 @@ Json session_of(const SessionView& session) {
             {"stop_requested", session.stop_requested}};
   json.update(progress_of(session.progress));
   Json curve = Json::array();
-  for (const CurveEntry& entry : session.curve)
+  for (const CurvePoint& entry : session.curve)
     curve.push_back({{"lights", entry.lights},
                      {"elapsed_s", number(entry.elapsed_s)},
                      {"predicted_error_percent", number(entry.predicted_error_percent)},
@@ -82,6 +82,12 @@ std::string status_json(const Snapshot& moment) {
                         {"command", record.name},
                         {"state", record.state},
                         {"message", record.message}});
+  Json self_test = Json::array();
+  for (const DeviceLook& one : moment.self_test)
+    self_test.push_back({{"device", one.device},
+                         {"good", one.good},
+                         {"said", one.said},
+                         {"age_s", number(one.age_s)}});
   Json json{{"rig", moment.rig},
             {"simulated", moment.simulated},
             {"state", name_of(moment.state)},
@@ -90,6 +96,7 @@ std::string status_json(const Snapshot& moment) {
             {"busy", moment.busy},
             {"ready", moment.why_not_ready.empty() && !moment.busy},
             {"why_not_ready", moment.why_not_ready},
+            {"self_test", std::move(self_test)},
             {"lamp_may_be_on", moment.lamp_may_be_on},
             {"lock", nullptr},
             {"devices", moment.facts ? facts_of(*moment.facts) : Json(nullptr)},

@@ -12,7 +12,7 @@ namespace lightrig {
 namespace {
 
 constexpr std::chrono::milliseconds beat{200};
-constexpr std::chrono::minutes longest_step{60};  ///< of one shot's reduction, or one answer
+constexpr std::chrono::minutes longest_silence{5};  ///< between two things got done
 
 }  // namespace
 
@@ -43,11 +43,16 @@ std::optional<CurvePoint> Alongside::latest() const {
   return latest_;
 }
 
+std::vector<CurvePoint> Alongside::curve() const {
+  const std::lock_guard lock(mutex_);
+  return curve_;
+}
+
 template <class Ready>
 bool Alongside::wait(std::unique_lock<std::mutex>& lock, const Patience& patience, Ready ready) {
   while (!changed_.wait_for(lock, patience.stop, beat, ready)) {
     if (patience.stop.stop_requested()) return false;
-    if (std::chrono::steady_clock::now() - last_done_ > longest_step) continue;
+    if (std::chrono::steady_clock::now() - last_done_ > longest_silence) continue;
     lock.unlock();  // who is told may ask for the newest estimate
     patience.beat();
     lock.lock();
@@ -74,12 +79,14 @@ std::optional<Alongside::Answer> Alongside::replan(ReplanQuestion question,
   return done && !failed_ ? std::exchange(answer_, std::nullopt) : std::nullopt;
 }
 
-Result<PoseFit> Alongside::wait_for_pose(const std::string& shot, const Patience& patience) {
+Result<Alongside::PoseSeen> Alongside::wait_for_pose(const std::string& shot,
+                                                     const Patience& patience) {
   std::unique_lock lock(mutex_);
   const bool known =
       wait(lock, patience, [&] { return pose_ && (pose_of_ == shot || !pose_wanted_); });
   if (!known) return fail(ErrorCode::stopped, "looking for the object's pose was stopped");
-  return *pose_;
+  if (!*pose_) return tl::unexpected(pose_->error());
+  return PoseSeen{**pose_, pose_of_};
 }
 
 std::string Alongside::take_problem() {
@@ -92,7 +99,8 @@ void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks)
   // for a core that does arithmetic. On Linux a nice value is a thread's own; without the right to
   // it, things go on as they were.
   (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), 10);
-  Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks), 1);
+  Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks),
+                      {.threads = 1, .beat = [this] { got_on(); }});
   std::unique_lock lock(mutex_);
   while (changed_.wait(lock, stop, [this] { return !queue_.empty() || question_.has_value(); })) {
     if (stop.stop_requested()) return;
@@ -100,6 +108,11 @@ void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks)
     last_done_ = std::chrono::steady_clock::now();
     changed_.notify_all();
   }
+}
+
+void Alongside::got_on() {
+  const std::lock_guard lock(mutex_);
+  last_done_ = std::chrono::steady_clock::now();
 }
 
 void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& lock) {
@@ -135,6 +148,9 @@ void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& 
   working_ = false;
   if (point) {
     latest_ = *point;
+    // A held-out light makes the point before it known better.
+    if (!curve_.empty() && curve_.back().lights == point->lights) curve_.pop_back();
+    if (point->lights > 0) curve_.push_back(*point);
     yields_.push_back(std::move(*yield));
   } else if (!failed_) {
     failed_ = true;

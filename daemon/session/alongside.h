@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "core/pose_fit.h"
+#include "daemon/session/patience.h"
 #include "daemon/session/reduction.h"
 #include "daemon/session/replan.h"
 
@@ -35,14 +36,13 @@ class Alongside {
 
   /// The newest estimate.
   std::optional<CurvePoint> latest() const;
+  /// The estimates so far, one per fitted light in the order they were added.
+  std::vector<CurvePoint> curve() const;
 
-  /// How long somebody waits, and who is told meanwhile that they do: several times a second, as
-  /// long as the thread gets something done at least every hour. A resumed session brings its whole
-  /// queue at once.
-  struct Patience {
-    std::stop_token stop;
-    std::function<void()> beat;
-  };
+  // Who waits is told several times a second that they do, as long as the thread gets something
+  // done (a frame read, a merge, a fit) at least every five minutes. A resumed session brings its
+  // whole queue at once.
+
   /// The estimate over all that was added; waits for it. Empty when stopped, failed or nothing was
   /// added.
   std::optional<CurvePoint> wait_for_all(const Patience& patience);
@@ -55,12 +55,17 @@ class Alongside {
   std::optional<Answer> replan(ReplanQuestion question, const Patience& patience);
   /// How the object lies, by the first shot added that tells it, or, where none up to the shot of
   /// this name does, by that; waits for it. Errors: stopped, and those of reading the frames.
-  Result<PoseFit> wait_for_pose(const std::string& shot, const Patience& patience);
+  struct PoseSeen {
+    PoseFit fit;
+    std::string shot;  ///< that it was judged by
+  };
+  Result<PoseSeen> wait_for_pose(const std::string& shot, const Patience& patience);
   /// The first failure, once; "" when there is none.
   std::string take_problem();
 
  private:
   void run(const std::stop_token& stop, std::vector<StoredFrame> darks);
+  void got_on();
   void reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& lock);
   void answer(std::unique_lock<std::mutex>& lock);
   template <class Ready>
@@ -78,6 +83,7 @@ class Alongside {
   bool failed_ = false;
   std::string problem_;
   std::optional<CurvePoint> latest_;
+  std::vector<CurvePoint> curve_;
   std::vector<LightYield> yields_;  ///< of the shots added, in order
   std::optional<ReplanQuestion> question_;
   std::optional<Answer> answer_;

@@ -11,6 +11,7 @@
 #include "core/merge_hdr.h"
 #include "core/pixel_neighbours.h"
 #include "core/refine.h"
+#include "daemon/session/patience.h"
 #include "daemon/session/split_mix.h"
 #include "sim/philox.h"
 #include "sim/sensor_noise.h"
@@ -192,6 +193,7 @@ RandomLights random_lights(const Rig& rig, const SessionSpec& spec, const Prepar
                            const Reflectance& truth, const BrdfTable& reference,
                            const RandomLightsOptions& options) {
   CHECK(options.sets > 0 && options.threads > 0);
+  const Patience patience{{}, options.beat};
   std::vector<int> candidates;
   for (int i = 0; i < prepared.bins.candidates(); ++i) {
     if (!prepared.bins.of(i).empty()) candidates.push_back(i);
@@ -212,8 +214,10 @@ RandomLights random_lights(const Rig& rig, const SessionSpec& spec, const Prepar
       std::vector<BrdfObservations> lights;
       for (const int candidate : pick(candidates, result.lights, random)) {
         lights.push_back(studio.measure(candidate, seed));
+        patience.tell();
       }
       const BothErrors errors = errors_of(basis, published, prepared.azimuths, lights, reference);
+      patience.tell();
       by_map[set] = errors.map;
       by_pseudo_inverse[set] = errors.pseudo_inverse;
     }

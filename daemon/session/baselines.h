@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 
 #include "config/rig.h"
 #include "core/brdf_basis.h"
@@ -21,6 +22,7 @@ struct RandomLightsOptions {
   int sets = 5;
   std::uint64_t seed = 1;
   int threads = 1;
+  std::function<void()> beat = {};  ///< as Patience's: each light, each fit
 };
 
 /// The percentage error of the mean of the basis against a reference.

@@ -25,7 +25,7 @@ std::vector<std::vector<std::size_t>> candidates_by_view(const Rig& rig,
 }  // namespace
 
 BinningResult bin_views(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
-                        ShadowRays shadows, int threads) {
+                        ShadowRays shadows, int threads, const Patience& patience) {
   const BrdfBasis& basis = prepared.plan_basis;
   std::vector<std::span<const std::int32_t>> cells(prepared.candidates.size());
   std::vector<BinningResult> parts;
@@ -47,6 +47,7 @@ BinningResult bin_views(const Rig& rig, const SessionSpec& spec, const Prepared&
                                    spec.plan.limits, *prepared.occluder, shadows, threads));
     for (std::size_t k = 0; k < group.size(); ++k)
       cells[group[k]] = parts.back().bins.of(static_cast<int>(k));
+    patience.tell();
   }
   if (parts.size() == 1) return std::move(parts.front());
   BinningResult whole;

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -70,12 +71,48 @@ Result<void> accept(const std::vector<Mean>& means) {
   return {};
 }
 
+/// Before anything is calibrated: what can be refused at once.
+Result<std::optional<TargetInRig>> target_in_rig(const std::optional<BoardPlace>& board,
+                                                 const CalibrationTarget& target) {
+  if (!board) return std::optional<TargetInRig>();
+  if (target.kind == CalibrationTarget::Kind::checkerboard)
+    return fail(ErrorCode::invalid_input,
+                "a checkerboard looks alike from both of its ends, so that its origin cannot be "
+                "told: place a ChArUco board");
+  const auto pose = rig_from_target(board->origin, board->columns, board->rows);
+  if (!pose) return tl::unexpected(pose.error());
+  return TargetInRig{0, *pose};
+}
+
+/// Which of the pictures in use the board was placed in. Never another than the one that is meant:
+/// what was measured on the rig holds for that picture alone.
+Result<std::size_t> view_of(const BoardPlace& board,
+                            const std::vector<std::filesystem::path>& images,
+                            const std::vector<std::filesystem::path>& used) {
+  const std::filesystem::path& meant = board.image.empty() ? images.front() : board.image;
+  const auto at = std::ranges::find(used, meant);
+  if (at == used.end())
+    return fail(ErrorCode::invalid_input,
+                fmt::format("the board is placed in \"{}\", {}: take that picture again, or name "
+                            "another whose board you have measured (--board-image)",
+                            meant.string(),
+                            std::ranges::find(images, meant) == images.end()
+                                ? "which is none of the pictures"
+                                : "in which it was not found"));
+  return static_cast<std::size_t>(at - used.begin());
+}
+
 }  // namespace
 
 Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::path>& images,
-                                             const CalibrationTarget& target) {
+                                             const CalibrationTarget& target,
+                                             const std::optional<BoardPlace>& board) {
   CalibrationRun run;
+  auto placed = target_in_rig(board, target);
+  if (!placed) return tl::unexpected(placed.error());
+  run.placed = *placed;
   std::vector<TargetCorners> views;
+  std::vector<std::filesystem::path> used;
   int width = 0, height = 0;
   for (const std::filesystem::path& file : images) {
     const auto image = read_grey_image(file);
@@ -98,6 +135,7 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
     const auto bytes = read_file(file);
     if (!bytes) return tl::unexpected(bytes.error());
     run.used.push_back({file.filename().string(), sha256_hex(*bytes)});
+    used.push_back(file);
     views.push_back(std::move(*corners));
   }
   auto calibration = calibrate_camera(views, width, height);
@@ -107,7 +145,14 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
     return fail(calibration.error().code, message);
   }
   run.calibration = std::move(*calibration);
-  run.text = camera_calibration_text(run.calibration, target, run.used, utc_now());
+  if (run.placed) {
+    const auto view = view_of(*board, images, used);
+    if (!view) return tl::unexpected(view.error());
+    run.placed->view = *view;
+    run.calibration.model.camera_from_world =
+        run.calibration.views[*view].camera_from_target * run.placed->rig_from_target.inverse();
+  }
+  run.text = camera_calibration_text(run.calibration, target, run.used, utc_now(), run.placed);
   return run;
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,14 +17,24 @@ struct CalibrationRun {
   CameraCalibration calibration;
   std::vector<MadeFrom> used;        ///< (views) images that the target was found in
   std::vector<std::string> skipped;  ///< one sentence for every other image
-  std::string text;                  ///< of the file to be written
+  std::optional<TargetInRig> placed;
+  std::string text;  ///< of the file to be written
 };
 
-/// Calibrates a camera from pictures of a target. Images without the target are passed over and
-/// said. Errors: those of reading the pictures; invalid_input when their sizes differ; refusals of
-/// calibrate_camera(), with what was found where.
+/// Where the target lay in one of the images, in the rig's frame [rig_from_target].
+struct BoardPlace {
+  std::filesystem::path image;  ///< as among the images; empty: the first of them
+  Eigen::Vector3d origin, columns, rows;
+};
+
+/// Calibrates a camera from pictures of a target, which states the camera's pose in the rig's frame
+/// where `board` says where the target lay. Images without the target are passed over and said.
+/// Errors: those of reading the pictures; invalid_input when their sizes differ, for a board placed
+/// in an image that is none of them or that is passed over, and for a checkerboard so placed, which
+/// looks alike from both of its ends; refusals of calibrate_camera(), with what was found where.
 Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::path>& images,
-                                             const CalibrationTarget& target);
+                                             const CalibrationTarget& target,
+                                             const std::optional<BoardPlace>& board = std::nullopt);
 
 struct WhiteRun {
   WhiteReference white;

@@ -215,6 +215,7 @@ void CaptureRun::say(const std::string& activity) {
     progress.held_out_error_percent = point->held_out_error_percent;
     progress.true_error_percent = point->true_error_percent;
   }
+  progress.curve = alongside_.curve();
   progress.gantry = hand_.last_status();
   if (hand_.lamp_known_dark()) progress.lamp_power = 0;
   if (hand_.lamp_known_on()) progress.lamp_power = t_.rig.lamp.power;
@@ -222,7 +223,7 @@ void CaptureRun::say(const std::string& activity) {
 }
 
 /// What waits for the reduction alongside goes on telling that it does.
-Alongside::Patience CaptureRun::patience() {
+Patience CaptureRun::patience() {
   return {t_.control.stop_token(), [this] { say(activity_); }};
 }
 

@@ -278,11 +278,12 @@ Result<void> CaptureRun::look_at_pose(bool more_to_come) {
     const std::string& shot = captured_.shots.back().name;
     const auto pose = alongside_.wait_for_pose(shot, patience());
     if (!pose && hand_.stop_requested()) return tl::unexpected(pose.error());
-    if (pose && !pose->told && more_to_come) return {};  // the next light may show more
-    Json fields = pose ? pose_fields(*pose, shot, waits)
+    if (pose && !pose->fit.told && more_to_come) return {};  // the next light may show more
+    Json fields = pose ? pose_fields(pose->fit, pose->shot, waits)
                        : Json{{"name", shot}, {"told", false}, {"reason", pose.error().message}};
     if (auto noted = note("pose", std::move(fields)); !noted) return noted;
-    pose_ = {!pose || pose->told, pose && wrong(*pose) ? pose_reason(*pose, waits) : ""};
+    pose_ = {!pose || pose->fit.told,
+             pose && wrong(pose->fit) ? pose_reason(pose->fit, waits) : ""};
   }
   if (!waits || pose_.held.empty() || !more_to_come) return {};
   auto paused = pause("condition", pose_.held, [this](bool word) -> Result<bool> {

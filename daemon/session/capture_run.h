@@ -125,7 +125,7 @@ class CaptureRun {
   Result<void> note(const std::string& event, nlohmann::ordered_json fields);
   Result<void> try_note(const std::string& event, const nlohmann::ordered_json& fields);
   void say(const std::string& activity);
-  Alongside::Patience patience();
+  Patience patience();
   double elapsed() const;
   double remaining() const;
   bool is_captured(int index) const;

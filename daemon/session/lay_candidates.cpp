@@ -278,11 +278,6 @@ std::string obstacle_on_the_way(const Rig& rig, const Obstacles& obstacles,
   return contact ? obstacles.names[contact->volume] : std::string();
 }
 
-std::string obstacle_on_the_way(const Rig& rig, const GantryPosition& from,
-                                const GantryPosition& to) {
-  return obstacle_on_the_way(rig, obstacles_of(rig, nullptr), from, to);
-}
-
 Result<std::vector<GantryPosition>> clear_way(const Rig& rig, const Obstacles& obstacles,
                                               const std::vector<Candidate>& candidates,
                                               const GantryPosition& from,
@@ -308,13 +303,6 @@ Result<std::vector<GantryPosition>> clear_way(const Rig& rig, const Obstacles& o
                             obstacle));
   }
   return std::vector<GantryPosition>{*best, to};
-}
-
-Result<std::vector<GantryPosition>> clear_way(const Rig& rig,
-                                              const std::vector<Candidate>& candidates,
-                                              const GantryPosition& from,
-                                              const GantryPosition& to) {
-  return clear_way(rig, obstacles_of(rig, nullptr), candidates, from, to);
 }
 
 GantryPosition home_position(const GantryModel& gantry) {

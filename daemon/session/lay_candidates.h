@@ -59,17 +59,11 @@ std::vector<Eigen::Vector3d> fibonacci_sphere(int count);
 /// leaves its travel. Nothing is missed between the poses looked at (first_contact).
 std::string obstacle_on_the_way(const Rig& rig, const Obstacles& obstacles,
                                 const GantryPosition& from, const GantryPosition& to);
-/// The same without an object.
-std::string obstacle_on_the_way(const Rig& rig, const GantryPosition& from,
-                                const GantryPosition& to);
 
 /// Stops that lead from one position to another clear of every obstacle: the target alone
 /// where the direct way is clear, else by way of the candidate that makes it shortest. Errors:
 /// refused when there is no such way, naming the volume.
 Result<std::vector<GantryPosition>> clear_way(const Rig& rig, const Obstacles& obstacles,
-                                              const std::vector<Candidate>& candidates,
-                                              const GantryPosition& from, const GantryPosition& to);
-Result<std::vector<GantryPosition>> clear_way(const Rig& rig,
                                               const std::vector<Candidate>& candidates,
                                               const GantryPosition& from, const GantryPosition& to);
 

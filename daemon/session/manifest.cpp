@@ -44,7 +44,7 @@ Result<std::map<std::string, std::string>> read_manifest(const SessionFolder& fo
   return digests;
 }
 
-Result<void> renew_results_in_manifest(const SessionFolder& folder) {
+Result<void> renew_results_in_manifest(const SessionFolder& folder, const Patience& patience) {
   std::error_code ignored;
   if (!fs::exists(folder.manifest(), ignored)) return {};
   auto digests = read_manifest(folder);
@@ -57,6 +57,7 @@ Result<void> renew_results_in_manifest(const SessionFolder& folder) {
       if (!bytes) return tl::unexpected(bytes.error());
       (*digests)[entry.path().lexically_relative(folder.root).generic_string()] =
           sha256_hex(*bytes);
+      patience.tell();
     }
   }
   std::string text;

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "core/result.h"
+#include "daemon/session/patience.h"
 #include "daemon/session/session_folder.h"
 
 namespace lightrig {
@@ -16,7 +17,7 @@ Result<std::map<std::string, std::string>> read_manifest(const SessionFolder& fo
 
 /// After a sealed session was reduced again: the manifest's lines for radiance/ and result/ made
 /// true to the files there; every other line stays as it was sealed. Does nothing for a session not
-/// sealed. Errors: those of read_manifest; no_space, refused.
-Result<void> renew_results_in_manifest(const SessionFolder& folder);
+/// sealed. Beats with every file. Errors: those of read_manifest; no_space, refused.
+Result<void> renew_results_in_manifest(const SessionFolder& folder, const Patience& patience = {});
 
 }  // namespace lightrig

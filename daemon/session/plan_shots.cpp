@@ -102,4 +102,35 @@ std::vector<double> predicted_on_the_way(const Prepared& prepared) {
   return percent;
 }
 
+Result<void> check_shot(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                        const Shot& shot) {
+  constexpr double nowhere = 1e-9, off = 1e-6;  // relative to the distance of the lamp
+  const auto index = static_cast<std::size_t>(shot.candidate);
+  if (index >= prepared.candidates.size() ||
+      (prepared.candidates[index].light.p - shot.light.p).norm() > nowhere * shot.light.p.norm()) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("candidate {} of this rig is not where the plan has it; the plan was "
+                            "made for another rig file: plan again",
+                            shot.candidate));
+  }
+  const bool right_axes = within_limits(rig.gantry.model, shot.gantry) &&
+                          (light_at(rig.gantry.model, shot.gantry).p - shot.light.p).norm() <=
+                              off * shot.light.p.norm();
+  if (!right_axes) {
+    return fail(ErrorCode::invalid_input,
+                fmt::format("its gantry_axes for candidate {} do not put the lamp at its own "
+                            "position; the file was changed: plan again",
+                            shot.candidate));
+  }
+  for (const double exposure : shot.exposures) {
+    if (std::ranges::find(spec.bracket.exposures, exposure) == spec.bracket.exposures.end()) {
+      return fail(ErrorCode::invalid_input,
+                  fmt::format("candidate {} asks for an exposure of {} s, which [bracket] does "
+                              "not offer: plan again with this session's bracket",
+                              shot.candidate, exposure));
+    }
+  }
+  return {};
+}
+
 }  // namespace lightrig

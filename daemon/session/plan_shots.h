@@ -34,4 +34,10 @@ double angle_between(const LightPosition& a, const LightPosition& b, const Eigen
 std::vector<int> choose_held_out(const Prepared& prepared, const SessionSpec& spec,
                                  std::span<const std::uint8_t> excluded);
 
+/// Whether a shot of a plan that comes from a file is this session's: the file may be another
+/// rig's, or changed by hand. The axes must put the lamp where extraction will believe it was, and
+/// the exposures be ones this session offers. Errors: invalid_input.
+Result<void> check_shot(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
+                        const Shot& shot);
+
 }  // namespace lightrig

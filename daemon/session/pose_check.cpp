@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -17,39 +18,76 @@ namespace {
 
 constexpr double degrees = 180 / std::numbers::pi;
 
-/// Light of the lamp alone. Four sites of a mosaic make one pixel, which has no colour.
-LitPicture picture_of(const RadianceImage& image, const RadianceImage* ambient, int join) {
-  LitPicture out{image.width / join, image.height / join, {}, {}};
-  const auto share = 1.0F / static_cast<float>(join * join);
-  for (int y = 0; y < out.height; ++y) {
-    for (int x = 0; x < out.width; ++x) {
+/// A picture of one colour, and the camera that sees it: where its sites have their middle, its
+/// pixels have their centres.
+struct OneColour {
+  LitPicture picture;
+  CameraModel camera;
+};
+
+/// Light of the lamp alone on the sites of one channel; of a mosaic the cells of 2 × 2 are pixels.
+/// Pixel (i, j) has its centre at (i, j).
+OneColour picture_of(const RadianceImage& image, const RadianceImage* ambient,
+                     const SensorModel& sensor, int channel, const CameraModel& camera) {
+  const int cell = sensor.filter == ColorFilter::mono ? 1 : 2;
+  std::vector<std::array<int, 2>> sites;  // row, column within a cell
+  double row = 0, column = 0;             // their mean
+  for (int i = 0; i < cell * cell; ++i) {
+    if (cell > 1 && channel_at(sensor.filter, i / cell, i % cell) != channel) continue;
+    sites.push_back({i / cell, i % cell});
+    row += i / cell;
+    column += i % cell;
+  }
+  const auto count = static_cast<double>(sites.size());
+  OneColour out{{image.width / cell, image.height / cell, {}, {}}, camera};
+  out.camera.width = out.picture.width;
+  out.camera.height = out.picture.height;
+  out.camera.fx /= cell;
+  out.camera.fy /= cell;
+  out.camera.cx = (camera.cx - column / count) / cell;
+  out.camera.cy = (camera.cy - row / count) / cell;
+  const auto share = static_cast<float>(1 / count);
+  for (int y = 0; y < out.picture.height; ++y) {
+    for (int x = 0; x < out.picture.width; ++x) {
       float value = 0, variance = 0;
-      for (int i = 0; i < join * join; ++i) {
+      for (const auto& site : sites) {
         const auto at =
-            static_cast<std::size_t>(y * join + i / join) * static_cast<std::size_t>(image.width) +
-            static_cast<std::size_t>(x * join + i % join);
+            static_cast<std::size_t>(y * cell + site[0]) * static_cast<std::size_t>(image.width) +
+            static_cast<std::size_t>(x * cell + site[1]);
         value += share * (image.L[at] - (ambient != nullptr ? ambient->L[at] : 0.0F));
         variance += share * share *
                     (image.variance[at] + (ambient != nullptr ? ambient->variance[at] : 0.0F));
       }
       const bool whole = std::isfinite(value) && std::isfinite(variance);
-      out.value.push_back(whole ? value : 0.0F);
-      out.variance.push_back(whole ? variance : std::numeric_limits<float>::infinity());
+      out.picture.value.push_back(whole ? value : 0.0F);
+      out.picture.variance.push_back(whole ? variance : std::numeric_limits<float>::infinity());
     }
   }
   return out;
 }
 
-/// The camera whose pixels are `join` × `join` of this one's. Pixel (i, j) has its centre at
-/// (i, j).
-CameraModel joined(CameraModel camera, int join) {
-  camera.width /= join;
-  camera.height /= join;
-  camera.fx /= join;
-  camera.fy /= join;
-  camera.cx = (camera.cx + 0.5) / join - 0.5;
-  camera.cy = (camera.cy + 0.5) / join - 0.5;
-  return camera;
+/// How much a picture shows: light over noise, of all that has a value.
+double strength(const LitPicture& picture) {
+  double value = 0, variance = 0;
+  for (std::size_t i = 0; i < picture.value.size(); ++i) {
+    if (!std::isfinite(picture.variance[i])) continue;
+    value += double{picture.value[i]};
+    variance += double{picture.variance[i]};
+  }
+  return value / std::sqrt(std::max(variance, 1e-300));
+}
+
+/// The channel that shows most. All sites of a mosaic added would see a red object with one site of
+/// four, off the middle: rims seemed to lie a quarter of a pixel away, and a scene lit from one
+/// side a unit nearer.
+OneColour clearest_colour(const RadianceImage& image, const RadianceImage* ambient,
+                          const SensorModel& sensor, const CameraModel& camera) {
+  OneColour best = picture_of(image, ambient, sensor, 0, camera);
+  for (int channel = 1; channel < sensor.channels(); ++channel) {
+    OneColour other = picture_of(image, ambient, sensor, channel, camera);
+    if (strength(other.picture) > strength(best.picture)) best = std::move(other);
+  }
+  return best;
 }
 
 }  // namespace
@@ -71,8 +109,8 @@ Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
   const Shot& planned = prepared.plan.shots[static_cast<std::size_t>(shot)];
   const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, planned.gantry);
   const SensorModel& sensor = rig.camera.sensor;
-  const int join = sensor.filter == ColorFilter::mono ? 1 : 2;
-  if (lit.empty() || !(extent_in_picture(prepared.object.mesh, camera) >= join * least_pose_pixels))
+  const int cell = sensor.filter == ColorFilter::mono ? 1 : 2;
+  if (lit.empty() || !(extent_in_picture(prepared.object.mesh, camera) >= cell * least_pose_pixels))
     return PoseFit{};
   const auto image = merge_hdr(lit, {}, sensor, MergeOptions{});
   if (!image) return tl::unexpected(with_context("look for the object's pose", image.error()));
@@ -82,8 +120,11 @@ Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
     if (!merged) return tl::unexpected(with_context("look for the object's pose", merged.error()));
     ambient = std::move(*merged);
   }
-  return fit_pose(picture_of(*image, ambient ? &*ambient : nullptr, join), prepared.object.mesh,
-                  *prepared.occluder, joined(camera, join), planned.light, 1);
+  const OneColour seen = clearest_colour(*image, ambient ? &*ambient : nullptr, sensor, camera);
+  PoseFit fit = fit_pose(seen.picture, prepared.object.mesh, *prepared.occluder, seen.camera,
+                         planned.light, 1);
+  if (fit.motions_seen() < fewest_motions && !unlike_model(fit)) fit.told = false;
+  return fit;
 }
 
 Result<PoseFit> check_pose(const Rig& rig, const Prepared& prepared, const SessionFolder& folder,
@@ -97,12 +138,31 @@ Result<PoseFit> check_pose(const Rig& rig, const Prepared& prepared, const Sessi
   return judge_pose(rig, prepared, shot.index, lit, dark);
 }
 
+std::vector<std::string> unseen_motions(const PoseFit& pose) {
+  std::vector<std::string> unseen;
+  for (Eigen::Index i = pose.motions_seen(); i < 6; ++i) {
+    const Eigen::Vector3d turn = pose.motion.col(i).head<3>(), shift = pose.motion.col(i).tail<3>();
+    const bool turns = turn.norm() > shift.norm();
+    Eigen::Vector3d way = (turns ? turn : shift).normalized();
+    Eigen::Index most = 0;
+    way.cwiseAbs().maxCoeff(&most);
+    if (way[most] < 0) way = -way;
+    way = (way.array().abs() < 0.005).select(0, way);  // no −0.00
+    unseen.push_back(fmt::format("{} ({:.2f}, {:.2f}, {:.2f})",
+                                 turns ? "a turn about" : "a shift along", way.x(), way.y(),
+                                 way.z()));
+  }
+  return unseen;
+}
+
 std::string in_words(const PoseFit& pose) {
-  return fmt::format(
+  std::string words = fmt::format(
       "turned by {:.2f}° and shifted by {:.2f} mm, outlines overlapping by {:.1f} %, {} of 6 "
       "motions seen",
       degrees * pose.turn.norm(), 1000 * pose.shift.norm(), 100 * pose.overlap,
       pose.motions_seen());
+  for (const std::string& one : unseen_motions(pose)) words += ", not " + one;
+  return words;
 }
 
 std::string pose_reason(const PoseFit& pose, bool waits) {
@@ -131,6 +191,7 @@ nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot,
   fields["turn_deg"] = degrees * pose.turn.norm();
   fields["shift_mm"] = 1000 * pose.shift.norm();
   fields["motions_seen"] = pose.motions_seen();
+  fields["unseen"] = unseen_motions(pose);
   if (wrong(pose)) fields["reason"] = pose_reason(pose, waits);
   return fields;
 }

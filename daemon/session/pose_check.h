@@ -1,8 +1,10 @@
 #pragma once
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "config/rig.h"
 #include "core/pose_fit.h"
@@ -13,19 +15,25 @@
 namespace lightrig {
 
 /// Surely off by more than this, in the units of PoseFit::sure (1°, 2 % of the object's size), is a
-/// wrong pose.
-inline constexpr double pose_tolerance = 0.4;
+/// wrong pose; by so much more for what the model leaves unexplained beyond a twentieth: where a
+/// mirror shows what no free reflectance can, the pose is bent to explain it.
+inline constexpr double pose_tolerance = 0.4, explained_well = 0.05, doubt_per_unexplained = 1.5;
 
 /// An object of fewer pixels across is not judged; of a mosaic four sites make a pixel. With half
 /// as many some right poses look a degree off.
 inline constexpr double least_pose_pixels = 100;
+
+/// A light that shows fewer motions tells too little, and the next one is asked. A sphere shows
+/// three.
+inline constexpr int fewest_motions = 3;
 
 /// The longer side of the object's box in the picture [px].
 double extent_in_picture(const Mesh& mesh, const CameraModel& camera);
 
 /// Whether the object lies as [object] has it, from the frames of a shot of the plan: those lit by
 /// its light, and the ones taken in the dark (may be empty). Not told where the object is small in
-/// the picture, hardly lit, or does not look like the model at all. Errors: those of merging.
+/// the picture or hardly lit, or shows fewer motions than `fewest_motions`. Errors: those of
+/// merging.
 Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
                            std::span<const Frame> lit, std::span<const Frame> dark);
 
@@ -39,11 +47,16 @@ inline constexpr double worst_unexplained = 0.3;
 
 inline bool unlike_model(const PoseFit& pose) { return pose.unexplained > worst_unexplained; }
 inline bool wrong(const PoseFit& pose) {
-  return pose.told && (pose.sure > pose_tolerance || unlike_model(pose));
+  const double doubt = doubt_per_unexplained * std::max(0.0, pose.unexplained - explained_well);
+  return pose.told && (pose.sure > pose_tolerance + doubt || unlike_model(pose));
 }
 
-/// The figure in words: "turned by 0.1° and shifted by 0.2 mm, outline overlapping by 99.8 %, 6 of
-/// 6 motions seen".
+/// The motions that the picture cannot show, in the frame of the mesh, best seen first: "a turn
+/// about (0.00, 0.00, 1.00)". By none of them is a pose said to be right.
+std::vector<std::string> unseen_motions(const PoseFit& pose);
+
+/// The figure in words: "turned by 0.1° and shifted by 0.2 mm, outline overlapping by 99.8 %, 5 of
+/// 6 motions seen, not a turn about (0.00, 0.00, 1.00)".
 std::string in_words(const PoseFit& pose);
 
 /// What a person is told of a wrong pose, and what to do: where a session waits for a person

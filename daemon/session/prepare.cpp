@@ -32,18 +32,22 @@ SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepare
 
 namespace {
 
-/// Notes how long each stage took.
+/// Notes how long each stage took, and tells that it is done.
 class StageClock {
  public:
-  explicit StageClock(std::vector<StageCost>& cost) : cost_(cost) {}
+  StageClock(std::vector<StageCost>& cost, const Patience& patience)
+      : cost_(cost), patience_(patience) {}
   void done(const char* stage) {
     const auto now = std::chrono::steady_clock::now();
     cost_.push_back({stage, std::chrono::duration<double>(now - last_).count()});
     last_ = now;
+    patience_.tell();
   }
+  const Patience& patience() const { return patience_; }
 
  private:
   std::vector<StageCost>& cost_;
+  const Patience& patience_;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
@@ -80,7 +84,7 @@ Result<void> load(const SessionSpec& spec, Prepared& prepared, StageClock& clock
   clock.done("mesh");
   prepared.occluder = std::make_shared<const Occluder>(prepared.object.mesh);
   clock.done("occluder");
-  auto loaded = load_materials(spec.materials);
+  auto loaded = load_materials(spec.materials, clock.patience().beat);
   if (!loaded) return tl::unexpected(loaded.error());
   prepared.materials = std::move(loaded->materials);
   prepared.remarks.insert(prepared.remarks.end(), loaded->remarks.begin(), loaded->remarks.end());
@@ -201,8 +205,9 @@ Result<void> bin(const Rig& rig, const SessionSpec& spec, bool brute_force, Prep
   prepared.candidates = std::move(layout.candidates);
   prepared.unusable = std::move(layout.unusable);
   const bool every_ray = brute_force && spec.plan.shadows != ShadowRays::none;
-  BinningResult binned = bin_views(rig, spec, prepared,
-                                   every_ray ? ShadowRays::all : spec.plan.shadows, thread_count());
+  BinningResult binned =
+      bin_views(rig, spec, prepared, every_ray ? ShadowRays::all : spec.plan.shadows,
+                thread_count(), clock.patience());
   clock.done("bins");
   prepared.bins = std::move(binned.bins);
   left_out.binning = binned.statistics;
@@ -253,7 +258,8 @@ Result<void> go_on(const std::stop_token& stop) {
 }
 
 Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_force,
-                           const std::stop_token& stop, Prepared& prepared, StageClock& clock) {
+                           Prepared& prepared, StageClock& clock) {
+  const std::stop_token& stop = clock.patience().stop;
   constexpr int most_without_way = 50;  // by then it is the home position that is shut in
   SelectionOptions options;
   options.criterion = spec.plan.criterion;
@@ -273,6 +279,7 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
     if (auto laid = lay_plan(rig, spec, options, prepared, clock); !laid) return laid;
     const CaptureTime time = capture_time(rig, spec, plan, object);
     plan.predicted_capture_time = time.total();
+    clock.patience().tell();
     const int shot = without_way(time);
     if (shot < 0 && left_out > 0) {
       prepared.remarks.push_back(fmt::format(
@@ -300,18 +307,21 @@ Result<void> choose_lights(const Rig& rig, const SessionSpec& spec, bool brute_f
 }
 
 /// The sides of a turned object that the plan's shots show.
-void see_turned(const Rig& rig, const SessionSpec& spec, Prepared& prepared) {
+void see_turned(const Rig& rig, const SessionSpec& spec, const Patience& patience,
+                Prepared& prepared) {
   if (!turns_object(rig.gantry.model)) return;
-  for (const Shot& shot : prepared.plan.shots)
+  for (const Shot& shot : prepared.plan.shots) {
     prepared.turned_points.push_back(points_seen(rig, spec, prepared, shot.gantry));
+    patience.tell();
+  }
 }
 
 /// Everything but the choice of lights.
 Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec, bool brute_force,
-                               const std::stop_token& stop) {
+                               const Patience& patience) {
   Prepared prepared;
-  StageClock clock(prepared.cost);
-  const auto next = [&] { return go_on(stop); };
+  StageClock clock(prepared.cost, patience);
+  const auto next = [&] { return go_on(patience.stop); };
   const auto ready = load(spec, prepared, clock)
                          .and_then(next)
                          .and_then([&] { return make_bases(spec, prepared, clock); })
@@ -329,39 +339,6 @@ Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec, bool bru
   return prepared;
 }
 
-/// A plan comes from a file: it may be another rig's, or changed by hand. The axes must put the
-/// lamp where extraction will believe it was, and the exposures be ones this session offers.
-Result<void> check_shot(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
-                        const Shot& shot) {
-  constexpr double nowhere = 1e-9, off = 1e-6;  // relative to the distance of the lamp
-  const auto index = static_cast<std::size_t>(shot.candidate);
-  if (index >= prepared.candidates.size() ||
-      (prepared.candidates[index].light.p - shot.light.p).norm() > nowhere * shot.light.p.norm()) {
-    return fail(ErrorCode::invalid_input,
-                fmt::format("candidate {} of this rig is not where the plan has it; the plan was "
-                            "made for another rig file: plan again",
-                            shot.candidate));
-  }
-  const bool right_axes = within_limits(rig.gantry.model, shot.gantry) &&
-                          (light_at(rig.gantry.model, shot.gantry).p - shot.light.p).norm() <=
-                              off * shot.light.p.norm();
-  if (!right_axes) {
-    return fail(ErrorCode::invalid_input,
-                fmt::format("its gantry_axes for candidate {} do not put the lamp at its own "
-                            "position; the file was changed: plan again",
-                            shot.candidate));
-  }
-  for (const double exposure : shot.exposures) {
-    if (std::ranges::find(spec.bracket.exposures, exposure) == spec.bracket.exposures.end()) {
-      return fail(ErrorCode::invalid_input,
-                  fmt::format("candidate {} asks for an exposure of {} s, which [bracket] does "
-                              "not offer: plan again with this session's bracket",
-                              shot.candidate, exposure));
-    }
-  }
-  return {};
-}
-
 }  // namespace
 
 const SurfacePoints& points_of_shot(const Prepared& prepared, int shot) {
@@ -370,21 +347,21 @@ const SurfacePoints& points_of_shot(const Prepared& prepared, int shot) {
 }
 
 Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force,
-                         const std::stop_token& stop) {
-  auto prepared = prepare_scene(rig, spec, brute_force, stop);
+                         const Patience& patience) {
+  auto prepared = prepare_scene(rig, spec, brute_force, patience);
   if (!prepared) return prepared;
-  StageClock clock(prepared->cost);
-  if (auto chosen = choose_lights(rig, spec, brute_force, stop, *prepared, clock); !chosen) {
+  StageClock clock(prepared->cost, patience);
+  if (auto chosen = choose_lights(rig, spec, brute_force, *prepared, clock); !chosen) {
     return tl::unexpected(chosen.error());
   }
-  see_turned(rig, spec, *prepared);
+  see_turned(rig, spec, patience, *prepared);
   prepared->peak_memory_mib = peak_memory_mib();
   return prepared;
 }
 
 Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan,
-                                   const std::stop_token& stop) {
-  auto prepared = prepare_scene(rig, spec, false, stop);
+                                   const Patience& patience) {
+  auto prepared = prepare_scene(rig, spec, false, patience);
   if (!prepared) return prepared;
   for (const Shot& shot : plan.shots) {
     if (auto usable = check_shot(rig, spec, *prepared, shot); !usable) {
@@ -395,7 +372,7 @@ Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, cons
   // The file holds where a lamp is, the rig how it shines.
   for (Shot& shot : prepared->plan.shots)
     shot.light = prepared->candidates[static_cast<std::size_t>(shot.candidate)].light;
-  see_turned(rig, spec, *prepared);
+  see_turned(rig, spec, patience, *prepared);
   return prepared;
 }
 

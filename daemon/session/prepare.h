@@ -2,7 +2,6 @@
 
 #include <functional>
 #include <memory>
-#include <stop_token>
 #include <string>
 #include <utility>
 #include <vector>
@@ -15,6 +14,7 @@
 #include "core/plan.h"
 #include "core/surface_points.h"
 #include "daemon/session/lay_candidates.h"
+#include "daemon/session/patience.h"
 
 namespace lightrig {
 
@@ -58,13 +58,14 @@ SurfacePoints points_seen(const Rig& rig, const SessionSpec& spec, const Prepare
 
 /// Reads what the files name and plans. Errors: invalid_input when the camera does not see the
 /// object or no reachable lamp position lights anything it sees, with the counts; refused when no
-/// clear way leads to the lights; stopped, once the stage in hand is over.
+/// clear way leads to the lights; stopped, once the stage in hand is over. Beats with every stage
+/// and every material's file.
 Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_force = false,
-                         const std::stop_token& stop = {});
+                         const Patience& patience = {});
 
 /// Everything of prepare() but the plan's choice of lights, which is given (a stored plan, a
 /// resumed session).
 Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, const Plan& plan,
-                                   const std::stop_token& stop = {});
+                                   const Patience& patience = {});
 
 }  // namespace lightrig

@@ -52,13 +52,15 @@ Result<void> go_on(const std::stop_token& stop) {
 }
 
 Result<std::vector<CurvePoint>> reduce_shots(const SessionRecord& record, Reduction& reduction,
-                                             const std::stop_token& stop) {
+                                             const std::stop_token& stop,
+                                             const std::function<void(const CurvePoint&)>& told) {
   std::vector<CurvePoint> curve;
   for (const CapturedShot& shot : reduction_order(record.shots)) {
     if (auto next = go_on(stop); !next) return tl::unexpected(next.error());
     if (auto added = reduction.add(shot); !added) return tl::unexpected(added.error());
     if (!shot.held_out) curve.push_back(reduction.estimate());
     if (reduction.trouble()) return tl::unexpected(*reduction.trouble());
+    if (told && !shot.held_out) told(curve.back());
   }
   if (curve.empty()) {
     return fail(ErrorCode::invalid_input,
@@ -71,7 +73,7 @@ Result<std::vector<CurvePoint>> reduce_shots(const SessionRecord& record, Reduct
 
 Baselines baselines_of(const SessionRecord& record, const Prepared& prepared,
                        const Reduction& reduction, const std::optional<Reference>& reference,
-                       int lights, int threads, std::vector<StageCost>& cost) {
+                       const RandomLightsOptions& options, std::vector<StageCost>& cost) {
   Baselines baselines;
   if (!reference) {
     baselines.mean_only_percent = record.plan.mean_only_error_percent;
@@ -87,8 +89,7 @@ Baselines baselines_of(const SessionRecord& record, const Prepared& prepared,
                                   ? *simulated_truth
                                   : sim::interpolated(to_merl(reference->table, 1));
     baselines.random_lights =
-        random_lights(record.rig, record.spec, prepared, truth, reference->table,
-                      {lights, random_sets, record.spec.plan.seed, threads});
+        random_lights(record.rig, record.spec, prepared, truth, reference->table, options);
   }
   return baselines;
 }
@@ -186,7 +187,9 @@ ReductionSummary summary_of(const SessionResult& result, const fs::path& folder)
 }  // namespace
 
 Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path& out, int threads,
-                                        const fs::path& environment, const std::stop_token& stop) {
+                                        const fs::path& environment, const Patience& patience,
+                                        const std::function<void(const CurvePoint&)>& told) {
+  const std::stop_token& stop = patience.stop;
   const Result<Environment> surroundings = environment.empty()
                                                ? Result<Environment>(studio_environment())
                                                : read_environment(environment);
@@ -199,7 +202,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   const auto held =
       in_place ? hold_folder(record->folder) : Result<FileDescriptor>(FileDescriptor());
   if (!held) return tl::unexpected(held.error());
-  const auto prepared = prepare_with_plan(record->rig, record->spec, record->plan, stop);
+  const auto prepared = prepare_with_plan(record->rig, record->spec, record->plan, patience);
   if (!prepared) return tl::unexpected(prepared.error());
   auto reference = reference_of(record->rig, record->spec, simulated(*record));
   if (!reference) return tl::unexpected(reference.error());
@@ -208,8 +211,8 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   if (auto made = make_folder(radiance); !made) return tl::unexpected(made.error());
 
   Reduction reduction(record->rig, record->spec, *prepared, record->folder, record->darks,
-                      ReductionOptions{threads, *reference, radiance, true});
-  auto curve = reduce_shots(*record, reduction, stop);
+                      ReductionOptions{threads, *reference, radiance, true, patience.beat});
+  auto curve = reduce_shots(*record, reduction, stop, told);
   if (!curve) return tl::unexpected(curve.error());
 
   if (auto next = go_on(stop); !next) return tl::unexpected(next.error());
@@ -233,8 +236,10 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   }
   result.cost = prepared->cost;
   std::vector<StageCost> after;
-  result.baselines = baselines_of(*record, *prepared, reduction, *reference,
-                                  result.curve.back().lights, threads, after);
+  result.baselines = baselines_of(
+      *record, *prepared, reduction, *reference,
+      {result.curve.back().lights, random_sets, record->spec.plan.seed, threads, patience.beat},
+      after);
   result.lights = light_results(reduction, record->plan);
   result.left_out = left_out_lines(*record, *prepared, reduction.basis());
   result.warnings = warnings_of(*record, *prepared, result);
@@ -242,7 +247,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   Stopwatch drawing("pictures", after);
   const auto pictures =
       draw_pictures(reduction, *prepared->occluder, *reference ? &(*reference)->table : nullptr,
-                    *surroundings, threads);
+                    *surroundings, threads, patience);
   drawing.stop();
   if (!pictures) return tl::unexpected(pictures.error());
   for (const std::vector<StageCost>& part : {reduction.cost(), after}) {
@@ -254,7 +259,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
     return tl::unexpected(with_context("write the result", written.error()));
   }
   if (in_place) {
-    if (auto renewed = renew_results_in_manifest(record->folder); !renewed) {
+    if (auto renewed = renew_results_in_manifest(record->folder, patience); !renewed) {
       return tl::unexpected(with_context("keep the seal", renewed.error()));
     }
   }

@@ -58,11 +58,13 @@ Result<Frame> read_journaled(const SessionFolder& folder, const StoredFrame& sto
 
 // The files named, in order; `threads` files are decoded at a time.
 Result<std::vector<Frame>> read_frames(const SessionFolder& folder,
-                                       const std::vector<StoredFrame>& stored, int threads) {
+                                       const std::vector<StoredFrame>& stored, int threads,
+                                       const std::function<void()>& read_one) {
   std::vector<Result<Frame>> read(stored.size(), fail(ErrorCode::not_found, "not read"));
   const auto read_some = [&](std::size_t first, std::size_t stride) {
     for (std::size_t i = first; i < stored.size(); i += stride) {
       read[i] = read_journaled(folder, stored[i]);
+      read_one();
     }
   };
   const auto stride = static_cast<std::size_t>(std::max(1, threads));
@@ -128,6 +130,9 @@ struct Reduction::State {
   std::vector<StageCost> cost;
   std::optional<Error> trouble;
 
+  void tell() const {
+    if (options.beat) options.beat();
+  }
   Result<RadianceImage> merge(const std::vector<StoredFrame>& stored);
   void extract_shot(const CapturedShot& shot, const RadianceImage& image,
                     const RadianceImage* ambient);
@@ -143,12 +148,13 @@ struct Reduction::State {
 // Reads and merges frames of one kind; the darks are read once, when first needed.
 Result<RadianceImage> Reduction::State::merge(const std::vector<StoredFrame>& stored) {
   Stopwatch reading("read frames", cost);
+  const auto read_one = [this] { tell(); };
   if (!darks) {
-    auto read = read_frames(folder, stored_darks, options.threads);
+    auto read = read_frames(folder, stored_darks, options.threads, read_one);
     if (!read) return tl::unexpected(with_context("dark frames", read.error()));
     darks = std::move(*read);
   }
-  const auto frames = read_frames(folder, stored, options.threads);
+  const auto frames = read_frames(folder, stored, options.threads, read_one);
   if (!frames) return tl::unexpected(frames.error());
   reading.stop();
   Stopwatch merging("merge", cost);
@@ -169,6 +175,7 @@ Result<Radiances> Reduction::State::merge_shot(const CapturedShot& shot) {
                        [](const StoredFrame& f) { return f.role == "ambient"; });
   auto image = merge(bracket);
   if (!image) return tl::unexpected(image.error());
+  tell();
   Radiances out{std::move(*image), std::nullopt};
   if (ambient_frames.empty()) return out;
   auto ambient = merge(ambient_frames);
@@ -221,6 +228,7 @@ void Reduction::State::extract_shot(const CapturedShot& shot, const RadianceImag
     reduced.site_radiance = captured_radiance(sites.back(), image, ambient);
   }
   shots.push_back(std::move(reduced));
+  tell();
 }
 
 std::vector<BrdfObservations> Reduction::State::chosen(const std::vector<BrdfObservations>& from,
@@ -258,7 +266,7 @@ Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& pr
 Reduction::Reduction(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
                      SessionFolder folder, std::vector<StoredFrame> darks, int threads)
     : Reduction(rig, spec, prepared, std::move(folder), std::move(darks),
-                ReductionOptions{threads, std::nullopt, {}, false}) {}
+                ReductionOptions{.threads = threads}) {}
 
 Reduction::~Reduction() = default;
 Reduction::Reduction(Reduction&&) noexcept = default;
@@ -310,6 +318,7 @@ std::size_t Reduction::State::fit_to(const std::vector<BrdfObservations>& extrac
   fitting.stop();
   const Stopwatch reconstructing("reconstruct", cost);
   reconstruction = reconstruct(basis, coefficients);
+  tell();
   return fitted.size();
 }
 
@@ -328,6 +337,7 @@ void Reduction::State::look_again(std::vector<BrdfObservations>& extracted) {
     const auto& [image, ambient] = *radiances;
     extracted[i] =
         observed(shot.shot.index, shot.strength, image, ambient ? &*ambient : nullptr, least);
+    tell();
   }
 }
 

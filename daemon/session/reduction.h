@@ -1,31 +1,23 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
-#include <stop_token>
 #include <string>
 #include <vector>
 
 #include "core/brdf_error.h"
 #include "core/fit.h"
 #include "core/samples.h"
+#include "daemon/session/curve_point.h"
+#include "daemon/session/patience.h"
 #include "daemon/session/prepare.h"
 #include "daemon/session/session_folder.h"
 
 namespace lightrig {
 
 struct ImageSites;
-
-/// What was known after so many lights.
-struct CurvePoint {
-  int lights = 0;
-  double elapsed_s = 0;  ///< measured rig time
-  double predicted_error_percent = 0, predicted_low_percent = 0, predicted_high_percent = 0;
-  std::optional<double>
-      held_out_error_percent;  ///< image of the held-out light: predicted against captured
-  std::optional<double> true_error_percent;  ///< against a known reference
-};
 
 /// A BRDF that counts as the truth.
 struct Reference {
@@ -43,9 +35,10 @@ Result<std::optional<Reference>> reference_of(const Rig& rig, const SessionSpec&
 /// What a reduction does besides its arithmetic.
 struct ReductionOptions {
   int threads = 1;
-  std::optional<Reference> reference;  ///< curve points state the true error against it
-  std::filesystem::path radiance;      ///< folder for merged radiance images; "" writes none
-  bool pictures = false;               ///< keep what the pictures of a report are made from
+  std::optional<Reference> reference = {};  ///< curve points state the true error against it
+  std::filesystem::path radiance = {};      ///< folder for merged radiance images; "" writes none
+  bool pictures = false;                    ///< keep what the pictures of a report are made from
+  std::function<void()> beat = {};  ///< as Patience's: each frame read, merge, extraction, fit
 };
 
 /// One shot's way to samples, as far as reports need it.
@@ -124,10 +117,13 @@ struct ReductionSummary {
 /// uncertainty, result.json, PNGs, report.html) under `out` ("": the folder itself). The report's
 /// sphere stands in the light of the picture `environment` ("": a studio). Errors: those of reading
 /// the folder and the picture; invalid_input when the folder holds no light to fit; no_space,
-/// refused; stopped, once the shot or stage in hand is over: then result/ is as it was.
+/// refused; stopped, once the shot or stage in hand is over: then result/ is as it was. Beats with
+/// every frame, shot, fit, random light and picture; `told`, where there is one, gets each point of
+/// the curve as it becomes known.
 Result<ReductionSummary> reduce_session(const std::filesystem::path& session,
                                         const std::filesystem::path& out, int threads,
                                         const std::filesystem::path& environment = {},
-                                        const std::stop_token& stop = {});
+                                        const Patience& patience = {},
+                                        const std::function<void(const CurvePoint&)>& told = {});
 
 }  // namespace lightrig

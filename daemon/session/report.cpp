@@ -68,9 +68,11 @@ std::string headline(const SessionResult& r) {
                fmt::format("90 % interval {} to {}", percent(fit.predicted_low_percent),
                            percent(fit.predicted_high_percent)));
   if (r.held_out) {
-    html += card("held", "Held-out light", percent(r.held_out->percent),
-                 fmt::format("{} over the {} bins it shows", percent(r.held_out->seen_percent),
-                             counted(r.held_out->rows)));
+    html +=
+        card("held", "Held-out light", percent(r.held_out->percent),
+             fmt::format("misfit at a light that was not fitted ({} over the {} bins it shows): a "
+                         "check of pose and lamp, no estimate of the true error",
+                         percent(r.held_out->seen_percent), counted(r.held_out->rows)));
   }
   if (r.true_error) {
     html += card("true", "True error", percent(r.true_error->percent_log),
@@ -133,7 +135,10 @@ std::string error_chart(const SessionResult& r) {
   }
   return "<h2>Error against elapsed time</h2>\n<figure>" + to_svg(chart, 960, 400) +
          "<figcaption>One point per light, at the rig time by which it was stored. The band is the "
-         "90 % interval of the prediction. Where a light costs more time than the fall of the "
+         "90 % interval of the prediction, calibrated on materials left out of the basis. The "
+         "held-out light is calibrated on nothing: it shows what the fitted lights mostly showed "
+         "too, and after several of them its misfit is mostly far below the true error. Where a "
+         "light costs more time than the fall of the "
          "curve is worth, the session could have stopped.</figcaption></figure>\n";
 }
 

@@ -35,9 +35,13 @@ Json to_json(const BrdfError& error, const std::string& reference) {
 }
 
 Json to_json(const HeldOutError& held_out) {
-  return {{"percent", number(held_out.percent)},
-          {"seen_bins_percent", number(held_out.seen_percent)},
-          {"rows", held_out.rows}};
+  return {
+      {"percent", number(held_out.percent)},
+      {"seen_bins_percent", number(held_out.seen_percent)},
+      {"rows", held_out.rows},
+      {"measures",
+       "misfit beyond noise at a light that was captured and not fitted, scaled to the table; not "
+       "calibrated against the true error"}};
 }
 
 Json to_json(const Baselines& baselines) {

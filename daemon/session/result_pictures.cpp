@@ -32,7 +32,9 @@ Result<StoredPicture> stored(const std::string& file, const Picture& picture, do
 // The stored pictures of a result, or the first error met while storing them.
 class Album {
  public:
+  explicit Album(const Patience& patience) : patience_(patience) {}
   StoredPicture add(const std::string& file, const Picture& picture, double shown = 1) {
+    patience_.tell();
     auto kept = stored(file, picture, shown);
     if (kept) return std::move(*kept);
     if (!error_) error_ = kept.error();
@@ -41,6 +43,7 @@ class Album {
   const std::optional<Error>& error() const { return error_; }
 
  private:
+  const Patience& patience_;
   std::optional<Error> error_;
 };
 
@@ -254,8 +257,8 @@ std::vector<float> table_difference(const BrdfTable& a, const BrdfTable& b, doub
 
 Result<ResultPictures> draw_pictures(const Reduction& reduction, const Occluder& occluder,
                                      const BrdfTable* reference, const Environment& surroundings,
-                                     int threads) {
-  Album album;
+                                     int threads, const Patience& patience) {
+  Album album(patience);
   ResultPictures out;
   out.with_reference = reference != nullptr;
   const Reconstruction& fit = reduction.reconstruction();

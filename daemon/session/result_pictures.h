@@ -9,10 +9,11 @@
 namespace lightrig {
 
 /// Draws every picture of a result from a reduction that kept what pictures need; `reference` may
-/// be null; the sphere stands in `surroundings`. Errors: those of encoding a PNG.
+/// be null; the sphere stands in `surroundings`. Beats with every picture. Errors: those of
+/// encoding a PNG.
 Result<ResultPictures> draw_pictures(const Reduction& reduction, const Occluder& occluder,
                                      const BrdfTable* reference, const Environment& surroundings,
-                                     int threads);
+                                     int threads, const Patience& patience = {});
 
 /// A table and, beside it where there is one, another: ln f of the mean over the channels, in false
 /// colour between low and high [1/sr]. θh grows to the right, θd upwards.

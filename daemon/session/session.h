@@ -9,9 +9,12 @@
 #include <stop_token>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "config/rig.h"
+#include "daemon/session/curve_point.h"
 #include "daemon/session/journal.h"
+#include "daemon/session/patience.h"
 #include "daemon/session/prepare.h"
 #include "daemon/session/session_folder.h"
 #include "drivers/devices.h"
@@ -58,6 +61,9 @@ struct SessionProgress {
   double elapsed_s = 0, remaining_s = 0;  ///< rig time
   double predicted_error_percent = 0;     ///< with what is captured so far
   std::optional<double> held_out_error_percent, true_error_percent;
+  /// One point per light as far as they are reduced alongside, also those of earlier parts of a
+  /// session that is resumed.
+  std::vector<CurvePoint> curve;
   std::optional<GantryStatus> gantry;  ///< as last read
   std::optional<double> lamp_power;    ///< [0, 1]; empty while it is not known
 };
@@ -121,9 +127,9 @@ SessionEnd capture(const SessionFolder& folder, const Rig& rig, const SessionSpe
 Result<void> retake_shot(const SessionFolder& folder, const std::string& name);
 
 /// Journals "sealed" and writes manifest-sha256.txt over every file of the folder (BagIt's manifest
-/// lines). Doing it again is harmless. Errors: refused while the session is being captured or not
-/// ended, no_space.
-Result<void> seal_session(const SessionFolder& folder);
+/// lines). Doing it again is harmless. Beats with every file; it is not stopped. Errors: refused
+/// while the session is being captured or not ended, no_space.
+Result<void> seal_session(const SessionFolder& folder, const Patience& patience = {});
 
 std::string_view name_of(SessionOutcome outcome);
 

@@ -26,8 +26,9 @@ void SessionControl::stop_after_shot() {
 void SessionControl::abort(std::string reason) {
   {
     const std::lock_guard lock(mutex_);
-    // The first word counts: an abort that follows a halt must not lose why it began.
-    if (!stop_.stop_requested()) reason_ = std::move(reason);
+    // The first word counts: an abort that follows a halt must not lose why it began. One that says
+    // the same and more is the first one's explanation.
+    if (!stop_.stop_requested() || reason.starts_with(reason_)) reason_ = std::move(reason);
     halted_ = false;
   }
   stop_.request_stop();

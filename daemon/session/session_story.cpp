@@ -47,6 +47,15 @@ std::vector<LeftOutLine> left_out_lines(const SessionRecord& record, const Prepa
   return lines;
 }
 
+std::string rank_loss(Estimator estimator, int rank, int components) {
+  if (estimator != Estimator::pseudo_inverse || rank >= components) return {};
+  return fmt::format(
+      "The samples determine {} of the {} components: the pseudo-inverse leaves the others at the "
+      "mean material and knows nothing there. Capture more lights, or reduce with the estimator "
+      "map, whose prior says how far each may lie.",
+      rank, components);
+}
+
 std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared& prepared,
                                      const SessionResult& result) {
   std::vector<std::string> lines;
@@ -80,6 +89,11 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
         "{} of {} values lay outside what any basis material shows and were clipped to that range: "
         "the material may be unlike all of them.",
         result.reconstruction.clipped_cells, cells));
+  }
+  if (std::string lost = rank_loss(record.spec.estimator, result.coefficients.rank,
+                                   static_cast<int>(result.coefficients.c.rows()));
+      !lost.empty()) {
+    lines.push_back(std::move(lost));
   }
   std::set<int> captured;
   for (const CapturedShot& shot : record.shots) captured.insert(shot.index);

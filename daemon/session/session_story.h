@@ -19,6 +19,10 @@ std::vector<LeftOutLine> left_out_lines(const SessionRecord& record, const Prepa
 std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared& prepared,
                                      const SessionResult& result);
 
+/// What to know of a pseudo-inverse whose rows have less than full rank; else empty. MAP, with its
+/// prior, always has an answer.
+std::string rank_loss(Estimator estimator, int rank, int components);
+
 /// Per light: what was planned of it, what came of it.
 std::vector<LightResult> light_results(const Reduction& reduction, const Plan& plan);
 

@@ -93,7 +93,7 @@ Result<void> retake_shot(const SessionFolder& folder, const std::string& name) {
   return {};
 }
 
-Result<void> seal_session(const SessionFolder& folder) {
+Result<void> seal_session(const SessionFolder& folder, const Patience& patience) {
   const std::string doing = "seal session '" + folder.root.string() + "'";
   auto journal = Journal::open(folder.journal());
   if (!journal) return tl::unexpected(with_context(doing, journal.error()));
@@ -115,6 +115,7 @@ Result<void> seal_session(const SessionFolder& folder) {
     const auto text = read_file(folder.root / file);
     if (!text) return tl::unexpected(with_context(doing, text.error()));
     manifest += sha256_hex(*text) + "  " + file.generic_string() + "\n";
+    patience.tell();
   }
   if (auto written = write_durably(folder.manifest(), manifest); !written) {
     return tl::unexpected(with_context(doing, written.error()));

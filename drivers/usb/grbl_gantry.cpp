@@ -259,6 +259,8 @@ Result<void> GrblGantryDevice::clear_fault(const Until& until) {
 }
 
 GrblLampDevice::~GrblLampDevice() {
+  // Known dark: no reason for a reset, which would cost an arm that still brakes its position.
+  if (power_ == 0) return;
   const Until until{clock_.now() + farewell, {}};
   if (!set(0, until)) (void)controller_->link.realtime(0x18);  // a reset switches every output off
 }
@@ -292,7 +294,10 @@ Result<void> GrblLampDevice::set(double power, const Until& until) {
                                                   "in which it switches nothing on",
                                                   report->state));
   const std::string command = command_for(power);
+  const double before = power_;
+  if (power > 0) power_ = power;  // lit perhaps, whatever comes of the answer
   auto done = controller_->link.command(command, until);
+  if (!done && done.error().code == ErrorCode::refused) power_ = before;
   // Locked (before homing, after an alarm) the controller takes no G-code, not even to switch off;
   // a reset switches every output off, and locked axes are at rest.
   if (!done && power == 0 && done.error().code == ErrorCode::refused)

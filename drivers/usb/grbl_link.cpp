@@ -14,6 +14,9 @@ constexpr int hard_limit = 1, soft_limit = 2;  // of ALARM:N
 constexpr std::chrono::milliseconds read_step{5};
 constexpr std::chrono::milliseconds write_patience{250};
 constexpr std::chrono::milliseconds rest_poll{10};
+constexpr std::chrono::milliseconds braking_patience{5000};
+constexpr std::chrono::milliseconds hold_patience{500};  // until a hold shows
+constexpr int most_silences = 3;
 constexpr std::chrono::milliseconds homing_look{1000};
 /// A report comes within a few milliseconds; asked for again, a lost one costs no more than this.
 constexpr std::chrono::milliseconds report_patience{200};
@@ -47,9 +50,44 @@ Result<GrblLink> GrblLink::open(const GrblEndpoint& endpoint, std::size_t axes, 
       endpoint);
   if (!wire) return tl::unexpected(wire.error());
   GrblLink link(std::move(*wire), axes, clock);
+  if (auto held = link.hold_what_moves(until); !held)
+    return tl::unexpected(with_context("look what the controller does", held.error()));
+  link.forget_alarm();  // of a conversation that is over
   if (auto reset = link.reset(until); !reset)
     return tl::unexpected(with_context("wait for GRBL's banner after a reset", reset.error()));
   return link;
+}
+
+// A reset in motion loses steps, and the position with them: what an earlier program left moving,
+// or braking from its stop, is held and waited for. A lamp that is lit comes first, and nothing but
+// a reset darkens it in a hold: that resets at once. So does who answers nothing, or does not stop.
+Result<void> GrblLink::hold_what_moves(const Until& until) {
+  const TimePoint latest = std::min(until.deadline, clock_->now() + braking_patience);
+  (void)forget_what_came({}, until);  // of a conversation that is over
+  const TimePoint heeded_by = clock_->now() + hold_patience;
+  for (int silent = 0; silent < most_silences && clock_->now() < latest;) {
+    Until look = until;
+    look.deadline = clock_->now() + report_patience;
+    if (auto asked = realtime('?'); !asked) return asked;
+    const auto line = next_line(look);
+    if (!line) return tl::unexpected(line.error());
+    if (!*line) {
+      ++silent;
+      continue;
+    }
+    if ((*line)->kind != grbl::Line::Kind::status) continue;
+    const auto report = grbl::parse_status((*line)->text);
+    if (!report) continue;  // damaged on the way: the next one tells
+    const bool driven = report->state == "Run" || report->state == "Jog";
+    const bool slowing = (report->state == "Hold" && report->substate > 0) ||
+                         (report->state == "Door" && report->substate > 1);
+    if ((!driven && !slowing) || report->spindle.value_or(0) > 0) return {};
+    if (driven && clock_->now() >= heeded_by) return {};
+    if (driven)  // again and again: one byte may be lost
+      if (auto asked = realtime('!'); !asked) return asked;
+    clock_->sleep_until(clock_->now() + rest_poll, until.stop);
+  }
+  return {};
 }
 
 Result<void> GrblLink::send(std::string_view bytes) {

@@ -17,8 +17,9 @@ namespace lightrig {
 /// deadline or stop. Reads in steps of 5 ms, so a stop request is seen at once.
 class GrblLink {
  public:
-  /// Opens the wire and resets the controller, so that nothing queued by an earlier program can
-  /// move; waits for its banner. A report of fewer than `axes` positions is damaged.
+  /// Opens the wire, holds what still moves, and resets the controller, so that nothing queued by
+  /// an earlier program can move; waits for its banner. A report of fewer than `axes` positions is
+  /// damaged.
   static Result<GrblLink> open(const GrblEndpoint& endpoint, std::size_t axes, Clock& clock,
                                const Until& until);
 
@@ -57,6 +58,7 @@ class GrblLink {
       : wire_(std::move(wire)), axes_(axes), clock_(&clock) {}
   Result<std::optional<grbl::Line>> next_line(const Until& until);
   Result<void> forget_what_came(std::chrono::milliseconds quiet, const Until& until);
+  Result<void> hold_what_moves(const Until& until);
   Result<void> send(std::string_view bytes);
   Result<void> begin(const std::string& line, const Until& until);
   void acknowledge_error(const Until& until);

@@ -166,6 +166,65 @@ TEST(CalibrationFile, GivesTheRigItsLensAndRefusesWhatWasChanged) {
   EXPECT_THAT(apply_camera_calibration(file, camera).error().message, HasSubstr("was changed"));
 }
 
+TEST(CalibrationFile, StatesWhereTheCameraStandsOnceTheTargetsPlaceIsSaid) {
+  // The print lies face up on the table, its upper left corner at (0.1, 0.2, 0), its upper edge
+  // along +y, its left edge along +x; the camera looks down on that corner from half a metre, with
+  // the print's upper edge rightwards in the picture.
+  CameraCalibration calibration = a_calibration();
+  calibration.views[0].camera_from_target.translation() = Eigen::Vector3d(0, 0, 0.5);
+  const auto target = rig_from_target({0.1, 0.2, 0}, {0, 2, 0}, {3, 0, 0});
+  ASSERT_TRUE(target);
+  const ScratchFolder scratch;
+  const auto write = [&](const char* name, const std::optional<TargetInRig>& placed) {
+    return scratch
+        .write(name, camera_calibration_text(calibration, CalibrationTarget{}, {},
+                                             "2026-05-04T13:02:11Z", placed))
+        .string();
+  };
+  const std::string with = write("with.json", TargetInRig{0, *target});
+  const std::string without = write("without.json", std::nullopt);
+  CameraConfig camera;
+  camera.model.width = 640;
+  camera.model.height = 480;
+  EXPECT_EQ(apply_camera_calibration(with, camera), true);
+  const Eigen::Isometry3d stands = camera.model.camera_from_world.inverse();
+  EXPECT_TRUE(stands.translation().isApprox(Eigen::Vector3d(0.1, 0.2, 0.5)));
+  EXPECT_TRUE(stands.linear().col(2).isApprox(Eigen::Vector3d(0, 0, -1)));  // looks down
+  EXPECT_TRUE(stands.linear().col(0).isApprox(Eigen::Vector3d(0, 1, 0)));   // rightwards: +y
+
+  std::ifstream in(folder / "dome_mono.toml");
+  const std::string shipped{std::istreambuf_iterator<char>(in), {}};
+  const auto rig_with = [&](const std::string& file, bool eye) {
+    std::string text = shipped;
+    const auto line = [&](const std::string& key, const std::string& instead) {
+      const auto at = text.find("\n" + key + " =") + 1;
+      if (at != 0) text.replace(at, text.find('\n', at) - at, instead);
+    };
+    line("fx_px", "calibration = \"" + file + "\"");
+    for (const char* key : {"fy_px", "cx_px", "cy_px", "distortion"}) line(key, "");
+    line("width_px", "width_px = 640");
+    line("height_px", "height_px = 480");
+    for (const char* key : {"eye_m", "target_m", "up"})
+      if (!eye) line(key, "");
+    return read_rig_text(text, folder / "edited.toml");
+  };
+  const auto placed = rig_with(with, false);
+  ASSERT_TRUE(placed.value) << to_text(placed.diagnostics);
+  EXPECT_TRUE(
+      placed.value->camera.model.camera_from_world.isApprox(camera.model.camera_from_world));
+  EXPECT_TRUE(rig_with(without, true).value);
+  EXPECT_THAT(to_text(rig_with(with, true).diagnostics),
+              HasSubstr("camera.eye_m conflicts with calibration"));
+  EXPECT_THAT(to_text(rig_with(without, false).diagnostics),
+              HasSubstr("does not say where the camera stands"));
+}
+
+TEST(CalibrationFile, ATargetsPlaceNeedsDirectionsSquareToEachOther) {
+  EXPECT_THAT(rig_from_target({0, 0, 0}, {1, 0, 0}, {0.2, 1, 0}).error().message,
+              HasSubstr("78.7° apart"));
+  EXPECT_FALSE(rig_from_target({0, 0, 0}, {1, 0, 0}, {0, 0, 0}));
+}
+
 TEST(CalibrationFile, AWhiteReferenceMakesTheScaleAbsolute) {
   const ScratchFolder scratch;
   const fs::path file = scratch.path / "white.json";

@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <random>
+#include <tuple>
 
 #include "core/shapes.h"
 
@@ -234,6 +236,49 @@ TEST_F(Extract, GivesTheSameRowsOnAnyNumberOfThreads) {
   for (std::size_t i = 0; i < one.rows.size(); ++i) {
     EXPECT_EQ(one.rows[i].f, three.rows[i].f);
     EXPECT_EQ(one.rows[i].variance, three.rows[i].variance);
+  }
+}
+
+TEST_F(Extract, SaysTheSameOfPixelsInWhateverOrder) {
+  // Pixels side by side are summed a run at a time; shuffled, no two of them stand side by side.
+  options_.drop_mixed = false;
+  SurfacePoints shuffled = points_;
+  std::vector<Eigen::Index> order(static_cast<std::size_t>(points_.size()));
+  std::iota(order.begin(), order.end(), 0);
+  std::shuffle(order.begin(), order.end(), std::mt19937_64(5));
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const auto to = static_cast<Eigen::Index>(i);
+    shuffled.position.col(to) = points_.position.col(order[i]);
+    shuffled.normal.col(to) = points_.normal.col(order[i]);
+    shuffled.view.col(to) = points_.view.col(order[i]);
+    shuffled.source[i] = points_.source[static_cast<std::size_t>(order[i])];
+  }
+  std::mt19937_64 random(6);
+  std::uniform_real_distribution<float> uniform(0, 1);
+  for (const ColorFilter filter : {ColorFilter::mono, ColorFilter::bayer_gbrg}) {
+    RadianceImage image = lambert(Eigen::Array3d(0.1, 0.2, 0.3), filter), ambient = image;
+    for (std::size_t i = 0; i < image.L.size(); ++i) {
+      image.L[i] *= 1 + uniform(random);
+      ambient.L[i] = 0.01F * uniform(random);
+      const float kind = uniform(random);
+      if (kind < 0.2F) image.site[i] = RadianceImage::Site::dark;
+      if (kind > 0.9F) image.site[i] = RadianceImage::Site::saturated;
+      if (uniform(random) > 0.98F) ambient.site[i] = RadianceImage::Site::saturated;
+    }
+    const BrdfObservations side_by_side = run(image, &ambient);
+    const BrdfObservations apart =
+        extract(image, &ambient, shuffled, camera_, lamp_, grid_, {}, occluder_, options_);
+    EXPECT_EQ(side_by_side.statistics.saturated, apart.statistics.saturated);
+    EXPECT_EQ(side_by_side.statistics.dark, apart.statistics.dark);
+    EXPECT_EQ(side_by_side.statistics.unlit, apart.statistics.unlit);
+    EXPECT_EQ(side_by_side.statistics.grazing, apart.statistics.grazing);
+    ASSERT_EQ(side_by_side.rows.size(), apart.rows.size());
+    for (std::size_t i = 0; i < apart.rows.size(); ++i) {
+      const BrdfObservation &a = side_by_side.rows[i], &b = apart.rows[i];
+      EXPECT_EQ(std::tuple(a.cell, a.channel, a.kind, a.count),
+                std::tuple(b.cell, b.channel, b.kind, b.count));
+      EXPECT_NEAR(a.f, b.f, 1e-12 * a.f);
+    }
   }
 }
 

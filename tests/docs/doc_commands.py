@@ -13,7 +13,7 @@ NO_COMMANDS = {
     ("controller_profile.md", "counts = (axis position"): "formulas",
     ("demo_truths.md", "truth  "): "a table that bench/demo_truths prints",
     ("method.md", "100 · ‖ln"): "a formula",
-    ("planning.md", "bytes      = 8"): "formulas",
+    ("planning.md", "bytes        = 8"): "formulas",
     ("results.md", "seen = 100"): "a formula",
     ("results.md", "held-out = seen"): "a formula",
     ("rig_file.md", "rig.toml:27:1: error"): "what a command prints",

@@ -28,6 +28,16 @@ class GrblWire : public testing::Test, protected test::WireLab<GrblGantry> {
     rig_.lamp.backend = GantryLamp{"spindle"};
     ASSERT_NO_FATAL_FAILURE(host());
   }
+
+  void expect_homed_and_moved(Gantry& gantry) {
+    const auto homed = gantry.home(soon(20s));
+    ASSERT_TRUE(homed) << homed.error().message;
+    const auto target = test::at_degrees(40, 50);
+    const auto moved = gantry.move_to(target, soon(10s));
+    ASSERT_TRUE(moved) << moved.error().message;
+    EXPECT_LE((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(),
+              rig_.gantry.model.tolerance);
+  }
 };
 
 TEST_F(GrblWire, IsMadeSafeAfterItsProgramDiedWithTheLampLitAndTheArmMoving) {
@@ -48,6 +58,34 @@ TEST_F(GrblWire, HomesMovesAndReadsItsPositionBack) {
     EXPECT_LE((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(),
               rig_.gantry.model.tolerance);
   }
+}
+
+// A reset while the arm brakes loses the position, and says so by an alarm: what an ABORT and an
+// arming right after it came to.
+TEST_F(GrblWire, OpenedAgainWhileTheArmBrakesItWaitsForRestBeforeItResets) {
+  for (Axis& axis : rig_.gantry.model.axes) {
+    axis.max_speed = 1.5;
+    axis.max_acceleration = 1.5;
+  }
+  host();
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  ASSERT_TRUE(opened->gantry->home(soon(20s)));
+  std::jthread stopper([&] {
+    std::this_thread::sleep_for(800ms);
+    stop_.request_stop();
+  });
+  ASSERT_FALSE(opened->gantry->move_to(test::at_degrees(160, 80), soon(30s)));
+  ASSERT_FALSE(world_->gantry_status().at_rest);
+  *opened = {};
+  stop_ = {};
+  auto again = open();
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_TRUE(world_->gantry_status().at_rest);
+  EXPECT_TRUE(world_->gantry_status().homed) << "the controller has lost its position";
+  const auto status = again->gantry->status(soon(2s));
+  ASSERT_TRUE(status) << status.error().message;
+  EXPECT_EQ(status->alarm, "");
 }
 
 TEST_F(GrblWire, AfterAStopTheRestOfTheMoveIsNeverDriven) {
@@ -215,13 +253,7 @@ TEST_F(GrblWire, AnAxisThatCountsTheOtherWayMovesWhereItIsTold) {
   host();
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
-  const auto homed = opened->gantry->home(soon(20s));
-  ASSERT_TRUE(homed) << homed.error().message;
-  const auto target = test::at_degrees(40, 50);
-  const auto moved = opened->gantry->move_to(target, soon(10s));
-  ASSERT_TRUE(moved) << moved.error().message;
-  EXPECT_LE((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(),
-            rig_.gantry.model.tolerance);
+  ASSERT_NO_FATAL_FAILURE(expect_homed_and_moved(*opened->gantry));
   *opened = {};
   rig_.gantry.model.axes[0].max_acceleration /= 10;
   const auto too_fast = open();
@@ -237,13 +269,7 @@ TEST_F(GrblWire, AControllerThatReportsInWorkCoordinatesIsUnderstood) {
   ::close(line);
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
-  const auto homed = opened->gantry->home(soon(20s));
-  ASSERT_TRUE(homed) << homed.error().message;
-  const auto target = test::at_degrees(40, 50);
-  const auto moved = opened->gantry->move_to(target, soon(10s));
-  ASSERT_TRUE(moved) << moved.error().message;
-  EXPECT_LE((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(),
-            rig_.gantry.model.tolerance);
+  ASSERT_NO_FATAL_FAILURE(expect_homed_and_moved(*opened->gantry));
 }
 
 TEST_F(GrblWire, NoSuchDeviceSaysSo) {

@@ -136,7 +136,10 @@ class ModbusSharedLine : public ModbusSafety {
       axis.home = axis.min + 0.3 * (axis.max - axis.min);
     }
   }
-  void fail_unit(int number) {
+  /// The far end, of which this unit can be made to fall silent for good.
+  void host_mortal(int number) {
+    world_ = test::world_of(rig_, clock_);
+    rig_.gantry.backend = backend_;
     faults_ = std::make_shared<sim::WireFaults>(world_);
     auto wires = sim::host_wire(rig_, backend_, world_, faults_);
     ASSERT_TRUE(wires) << wires.error().message;
@@ -153,9 +156,7 @@ TEST_P(ModbusSharedLine, ADriveThatDiesKeepsNoOtherFromStoppingNorTheLampLit) {
   backend_.controller.watchdog.reset();
   rig_.lamp.backend = lamp_beside_the_drives();
   be_slow();
-  ASSERT_NO_FATAL_FAILURE(host());
-  hosted_.clear();
-  ASSERT_NO_FATAL_FAILURE(fail_unit(backend_.drives[0].unit));
+  ASSERT_NO_FATAL_FAILURE(host_mortal(backend_.drives[0].unit));
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(60s)));
@@ -181,9 +182,7 @@ TEST_P(ModbusSharedLine, AStopAfterALostAnswerDoesNotWaitForTheWireToBeInStep) {
   backend_.timeout = 500ms;
   backend_.controller.watchdog.reset();
   be_slow();
-  ASSERT_NO_FATAL_FAILURE(host());
-  hosted_.clear();
-  ASSERT_NO_FATAL_FAILURE(fail_unit(backend_.drives[1].unit));
+  ASSERT_NO_FATAL_FAILURE(host_mortal(backend_.drives[1].unit));
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(60s)));
@@ -199,9 +198,7 @@ TEST_P(ModbusSharedLine, AStopAfterALostAnswerDoesNotWaitForTheWireToBeInStep) {
 // timeout_ms and watchdog as config/wire_modbus_rtu.toml has them.
 TEST_P(ModbusSharedLine, OneLostKeepAliveDoesNotSetOffTheWatchdog) {
   backend_.timeout = 300ms;
-  ASSERT_NO_FATAL_FAILURE(host());
-  hosted_.clear();
-  ASSERT_NO_FATAL_FAILURE(fail_unit(0));
+  ASSERT_NO_FATAL_FAILURE(host_mortal(0));
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(faults_->add(sim::parse_wire_fault("silence unit=1").value()));

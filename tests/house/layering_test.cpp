@@ -28,15 +28,15 @@ struct Room {
 const std::vector<std::string> everywhere = {"Eigen/", "fmt/", "tl/expected.hpp"};
 
 const std::vector<Room> rooms = {
-    {"core", {}, {"embree3/", "opencv2/"}, {}},
+    {"core", {}, {"embree3/", "opencv2/", "dlfcn.h"}, {}},
     {"config",
      {"core"},
      {"toml++/", "assimp/", "openssl/", "nlohmann/", "fcntl.h", "unistd.h", "sys/stat.h"},
      {"nlohmann/"}},
     {"drivers",
      {"core", "config"},
-     {"modbus/", "libusb-1.0/", "libusb.h", "arv.h", "glib", "sys/", "netinet/", "termios.h",
-      "fcntl.h", "unistd.h", "poll.h", "linux/", "arpa/"},
+     {"modbus/", "libusb-1.0/", "libusb.h", "arv.h", "glib", "sys/", "net/", "netinet/",
+      "termios.h", "fcntl.h", "unistd.h", "poll.h", "ifaddrs.h", "linux/", "arpa/"},
      {}},
     {"sim",
      {"core", "config", "drivers"},

@@ -127,6 +127,34 @@ TEST_F(Attack, TakesNoMutationThatAFormCouldSend) {
   EXPECT_EQ(host_->service().snapshot().state, State::unarmed);
 }
 
+// An ABORT is acted on before its body comes, but not before it is known who asks.
+TEST_F(Attack, HeedsNoHeadOfAnAbortThatItWouldRefuse) {
+  const std::string begin = "POST /v1/abort HTTP/1.1\r\nContent-Length: 2\r\n", end = "\r\n";
+  const std::string good = mutation_headers + host_header() + bearer();
+  std::vector<RawConnection> heads;
+  for (const std::string& headers :
+       {mutation_headers + host_header(),                                      // no token
+        mutation_headers + host_header() + "Authorization: Bearer guess\r\n",  // a wrong one
+        mutation_headers + bearer() + "Host: evil.example\r\n", good + "Origin: http://evil\r\n",
+        host_header() + bearer() + "X-Lightrig: 1\r\n",
+        host_header() + bearer() + "Content-Type: application/json\r\n"}) {
+    heads.emplace_back(host_->tcp_port());
+    heads.back().send(begin + headers + end);
+  }
+  // Sent last, and so heeded last.
+  RawConnection(host_->tcp_port()).send("GET /v1/abort HTTP/1.1\r\n" + good + end);
+  heads.emplace_back(host_->tcp_port());
+  heads.back().send(begin + good + end);
+  const auto until = std::chrono::steady_clock::now() + 10s;
+  while (host_->service().snapshot().aborts == 0 && std::chrono::steady_clock::now() < until)
+    std::this_thread::sleep_for(1ms);
+  for (RawConnection& head : heads) head.send("{}");
+  EXPECT_THAT(heads.back().receive("\r\n\r\n{", 10s), HasSubstr(" 200 "));
+  for (std::size_t i = 0; i + 1 < heads.size(); ++i)
+    EXPECT_THAT(heads[i].receive("\r\n\r\n{", 10s), HasSubstr(" 4")) << i;
+  EXPECT_EQ(host_->service().snapshot().aborts, 1U);
+}
+
 TEST_F(Attack, RefusesABodyBeyondItsLimitHoweverItIsSent) {
   const std::string large(20000, ' ');
   EXPECT_EQ(request(RawConnection(socket_), "POST", "/v1/sessions", large, mutation_headers).status,

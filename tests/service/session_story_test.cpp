@@ -161,6 +161,34 @@ TEST_F(ServiceStory, ResumesAnAbortedSessionAfterARestart) {
       << "told from its beginning, though another process captured that";
 }
 
+// The curve of a session that another process captured part of is there again while it goes on, not
+// only once it is reduced.
+TEST_F(ServiceStory, TellsTheErrorsOfBeforeARestartOnceItIsResumed) {
+  begin(4);
+  arm();
+  const std::string id = start();
+  const auto captured = [](const Json& now) {
+    return now["session"]["state"] != "planning" && now["session"]["shots_done"].get<int>() >= 2;
+  };
+  wait_for(captured);
+  host_.reset();
+  begin(4);
+  EXPECT_TRUE(status()["session"].is_null());
+  arm();
+  EXPECT_EQ(post("/v1/sessions/" + id + "/resume").status, 202);
+  wait_for([](const Json& moment) { return moment["state"] == "capturing"; });
+  EXPECT_EQ(post("/v1/sessions/" + id + "/pause").status, 202);  // it is not over before it is seen
+  const Json now = wait_for([](const Json& moment) {
+    return moment["state"] == "paused" && !moment["session"]["curve"].empty();
+  });
+  const Json& first = now["session"]["curve"].front();  // of the two one may be held out
+  EXPECT_EQ(first["lights"], 1);
+  EXPECT_GT(first["predicted_error_percent"].get<double>(), 0);
+  EXPECT_GT(first["elapsed_s"].get<double>(), 0);
+  EXPECT_LT(first["elapsed_s"], now["session"]["elapsed_s"]) << "as whoever captured it measured";
+  EXPECT_EQ(post("/v1/abort").status, 200);
+}
+
 TEST_F(ServiceStory, HomesAndJogsWithinTheTravelOnly) {
   arm();
   EXPECT_EQ(post("/v1/jog", R"({"axis":"azimuth","by_deg":5})").status, 202);

@@ -76,6 +76,45 @@ TEST_F(ServiceSteering, AbortsWhileABodyOfVeryManyNamesIsRead) {
   EXPECT_EQ(host_->service().snapshot().aborts, 2U);
 }
 
+// The body says what for; whether it ever comes is nothing to wait for.
+TEST_F(ServiceSteering, AbortsByARequestsHeadAndTakesTheReasonThatComesLater) {
+  begin(1);
+  arm();
+  start();
+  RawConnection slow(socket_);
+  const std::string body = R"({"reason":"the arm creaks"})";
+  slow.send("POST /v1/abort HTTP/1.1\r\nHost: x\r\n" + mutation_headers +
+            "Content-Length: " + std::to_string(body.size()) + "\r\n\r\n");
+  wait_for_state("aborted");
+  EXPECT_EQ(slow.receive("HTTP", std::chrono::milliseconds(0)), "") << "not answered yet";
+  slow.send(body);
+  EXPECT_THAT(slow.receive("\r\n\r\n{", std::chrono::seconds(10)), HasSubstr(" 200 "));
+  const Json now = status();
+  EXPECT_EQ(now["session"]["reason"], "aborted by tester: the arm creaks");
+  EXPECT_THAT(now["why_not_ready"].dump(), HasSubstr("the arm creaks"));
+  EXPECT_EQ(host_->service().snapshot().aborts, 1U);
+
+  // What comes too late explains an abort, and is none of what was begun since.
+  RawConnection slower(socket_);
+  slower.send("POST /v1/abort HTTP/1.1\r\nHost: x\r\n" + mutation_headers +
+              "Content-Length: " + std::to_string(body.size()) + "\r\n\r\n");
+  wait_for([&](const Json&) { return host_->service().snapshot().aborts == 2; });
+  arm();
+  slower.send(body);
+  EXPECT_THAT(slower.receive("\r\n\r\n{", std::chrono::seconds(10)), HasSubstr(" 200 "));
+  EXPECT_EQ(status()["state"], "armed");
+}
+
+// A body that nobody reads in full is no reason not to stop.
+TEST_F(ServiceSteering, AbortsThoughItsBodyIsAnnouncedAsTooLarge) {
+  arm();
+  RawConnection large(socket_);
+  large.send("POST /v1/abort HTTP/1.1\r\nHost: x\r\n" + mutation_headers +
+             "Content-Length: 99999999999\r\n\r\n");
+  wait_for_state("unarmed");
+  EXPECT_EQ(host_->service().snapshot().aborts, 1U);
+}
+
 TEST_F(ServiceSteering, MovesOnceForRequestsRepeatedUnderOneKey) {
   arm();
   EXPECT_EQ(post("/v1/home").status, 202);

@@ -37,6 +37,7 @@ class ServiceOverWires : public testing::Test {
     text.sessions_in(folder_.path() / "sessions");
     text.set("max_exposure_s", "0.5");
     text.set("max_on_time_s", "1.5");
+    shape(text);
     const std::filesystem::path file = folder_.path() / "rig.toml";
     std::ofstream(file) << text.text();
     auto read = read_rig(file);
@@ -51,6 +52,7 @@ class ServiceOverWires : public testing::Test {
     ASSERT_TRUE(wait_until([this] { return service_->snapshot().state == State::armed; }));
   }
 
+  virtual void shape(test::SmallWireRig&) {}
   bool wait_until(const std::function<bool()>& good) const {
     const auto end = steady_clock::now() + 60s;
     while (!good() && steady_clock::now() < end) std::this_thread::sleep_for(2ms);
@@ -137,6 +139,61 @@ TEST_F(ServiceOverWires, ALampThatAPersonLeftOnGoesDarkWhenItsLeaseEnds) {
   EXPECT_LT(steady_clock::now() - lit, 10s);
   EXPECT_EQ(service_->snapshot().state, State::armed);
   EXPECT_FALSE(service_->snapshot().lamp_may_be_on);
+}
+
+// The stop that an ABORT sends brakes the arm for a while, and nothing keeps a person from arming
+// meanwhile.
+class ServiceOfASlowArm : public ServiceOverWires {
+  void shape(test::SmallWireRig& text) override {
+    text.set("max_speed_deg_per_s", "100");
+    text.set("max_acceleration_deg_per_s2", "100");
+  }
+};
+
+TEST_F(ServiceOfASlowArm, ArmedWhileTheArmStillBrakesItWaitsForRestAndNothingLooksLikeAFault) {
+  const auto at_rest = [this] { return hosted_->world->gantry_status().at_rest; };
+  const auto idle = [this] { return !service_->snapshot().busy; };
+  ASSERT_TRUE(service_->home(person));
+  ASSERT_TRUE(wait_until(idle));
+  ASSERT_TRUE(service_->jog(person, "azimuth", 100 * 0.017453292519943295, false, ""));
+  ASSERT_TRUE(wait_until([&] { return !at_rest(); }));
+  std::this_thread::sleep_for(500ms);  // up to speed
+  service_->abort(person, "by test");
+  ASSERT_TRUE(wait_until([&] { return idle() && !service_->snapshot().facts; }));
+  ASSERT_FALSE(at_rest()) << "braked too fast to see anything";
+  ASSERT_TRUE(service_->arm(person));
+  ASSERT_TRUE(wait_until([this] { return service_->snapshot().state == State::armed; }));
+  EXPECT_TRUE(at_rest());
+  EXPECT_TRUE(service_->snapshot().facts->gantry.at_rest);
+}
+
+// The camera is asked whether it is there, opened or not; what is found is dated.
+TEST_F(ServiceOverWires, TellsWhetherTheCameraIsThere) {
+  const auto camera = [this] {
+    for (const DeviceLook& one : service_->snapshot().self_test)
+      if (one.device == "camera 127.0.0.1") return one;
+    return DeviceLook{};
+  };
+  service_->look_at_devices();  // armed: the session thread holds the camera
+  EXPECT_TRUE(camera().good);
+  EXPECT_THAT(camera().said, ::testing::HasSubstr("answers discovery at 127.0.0.1"));
+  ASSERT_TRUE(service_->disarm(person));
+  ASSERT_TRUE(wait_until([this] {
+    const Snapshot now = service_->snapshot();
+    return now.state == State::unarmed && !now.busy && !now.facts;
+  }));
+  service_->look_at_devices();
+  EXPECT_TRUE(camera().good) << camera().said;
+  EXPECT_GE(camera().age_s, 0);
+  EXPECT_LT(camera().age_s, 60);
+  hosted_.reset();  // unplugged, all of it
+  service_->look_at_devices();
+  EXPECT_FALSE(camera().good);
+  const auto why = [this] { return ::testing::PrintToString(service_->snapshot().why_not_ready); };
+  EXPECT_THAT(why(), ::testing::HasSubstr("camera 127.0.0.1: it does not answer discovery"));
+  ASSERT_TRUE(service_->arm(person));
+  ASSERT_TRUE(wait_until([this] { return !service_->snapshot().busy; }));
+  EXPECT_THAT(why(), ::testing::HasSubstr("opening: ")) << "why it could not be armed stays known";
 }
 
 }  // namespace

@@ -20,9 +20,9 @@ TEST(Alongside, TellsThatItWaitsUntilToldToStop) {
   int beats = 0;
   const auto twice = [&](std::stop_source stop) {
     beats = 0;
-    return Alongside::Patience{stop.get_token(), [&beats, stop]() mutable {
-                                 if (++beats == 2) stop.request_stop();
-                               }};
+    return Patience{stop.get_token(), [&beats, stop]() mutable {
+                      if (++beats == 2) stop.request_stop();
+                    }};
   };
   EXPECT_FALSE(alongside.wait_for_all(twice({})));
   EXPECT_EQ(beats, 2);

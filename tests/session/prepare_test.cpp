@@ -66,20 +66,27 @@ TEST(ClearWay, GoesRoundAKeepOutVolumeOrSaysThatItCannot) {
   const Scratch scratch;
   Rig rig = small_rig(scratch.path());
   const std::vector<Candidate> candidates = lay_candidates(rig).candidates;
+  const auto way_of = [&](const std::vector<Candidate>& by, const GantryPosition& from,
+                          const GantryPosition& to) {
+    return clear_way(rig, obstacles_of(rig, nullptr), by, from, to);
+  };
+  const auto obstacle = [&](const GantryPosition& from, const GantryPosition& to) {
+    return obstacle_on_the_way(rig, obstacles_of(rig, nullptr), from, to);
+  };
   GantryPosition from, to;
   from.axes = Eigen::Vector2d(-40 * degree, 30 * degree);
   to.axes = Eigen::Vector2d(40 * degree, 30 * degree);
-  ASSERT_EQ(clear_way(rig, candidates, from, to).value().size(), 1U);
+  ASSERT_EQ(way_of(candidates, from, to).value().size(), 1U);
   rig.keep_out.push_back(
       KeepOutSphere{"stand", 0.8 * Eigen::Vector3d(std::cos(0.5236), 0, std::sin(0.5236)), 0.1});
-  EXPECT_EQ(obstacle_on_the_way(rig, from, to), "stand");
-  const auto way = clear_way(rig, candidates, from, to);
+  EXPECT_EQ(obstacle(from, to), "stand");
+  const auto way = way_of(candidates, from, to);
   ASSERT_TRUE(way) << way.error().message;
   ASSERT_EQ(way->size(), 2U);
-  EXPECT_EQ(obstacle_on_the_way(rig, from, way->front()), "");
-  EXPECT_EQ(obstacle_on_the_way(rig, way->front(), to), "");
+  EXPECT_EQ(obstacle(from, way->front()), "");
+  EXPECT_EQ(obstacle(way->front(), to), "");
   rig.keep_out.push_back(KeepOutBox{"wall", {0, -0.05, -1}, {2, 0.05, 2}});
-  const auto none = clear_way(rig, {}, from, to);
+  const auto none = way_of({}, from, to);
   ASSERT_FALSE(none);
   EXPECT_EQ(none.error().code, ErrorCode::refused);
   EXPECT_THAT(none.error().message, HasSubstr("stand"));
@@ -201,7 +208,7 @@ TEST(Prepare, EndsAtItsNextStageOnceItIsToldToStop) {
   const Rig rig = small_rig(scratch.path());
   std::stop_source stop;
   stop.request_stop();
-  const auto prepared = prepare(rig, spec_of(rig), false, stop.get_token());
+  const auto prepared = prepare(rig, spec_of(rig), false, {stop.get_token()});
   ASSERT_FALSE(prepared);
   EXPECT_EQ(prepared.error().code, ErrorCode::stopped);
 }

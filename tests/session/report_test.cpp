@@ -7,6 +7,7 @@
 #include "daemon/session/chart.h"
 #include "daemon/session/exposures_told.h"
 #include "daemon/session/report_text.h"
+#include "daemon/session/session_story.h"
 
 namespace lightrig {
 namespace {
@@ -95,6 +96,21 @@ TEST(Report, StatesWhatItFoundAndWhatItCost) {
     EXPECT_THAT(html, HasSubstr(text));
   }
   EXPECT_THAT(html, Not(HasSubstr("brass <3>")));
+}
+
+TEST(Report, SaysThatTheHeldOutLightIsNoEstimateOfTheTrueError) {
+  Example example;
+  example.result.held_out = HeldOutError{1.5, 0.75, 40};
+  EXPECT_THAT(report_html(example.result, {}), HasSubstr("no estimate of the true error"));
+  const auto json = nlohmann::json::parse(result_json(example.result));
+  EXPECT_THAT(json["held_out"]["measures"].get<std::string>(),
+              HasSubstr("not calibrated against the true error"));
+}
+
+TEST(Warnings, SayWhereThePseudoInverseHasFewerRowsThanComponents) {
+  EXPECT_THAT(rank_loss(Estimator::pseudo_inverse, 26, 45), HasSubstr("26 of the 45 components"));
+  EXPECT_EQ(rank_loss(Estimator::pseudo_inverse, 45, 45), "");
+  EXPECT_EQ(rank_loss(Estimator::map, 26, 45), "");
 }
 
 TEST(Report, HasNoNumberThatIsNone) {

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include <atomic>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -169,11 +170,28 @@ TEST_F(Story, KeepsItsSealWhenReducedAgain) {
   EXPECT_THAT(report->findings, SizeIs(0));
 }
 
+// What a watchdog feeds on: no stage of a reduction is long without a word.
+TEST_F(Story, BeatsWithEveryFrameAndShotOfAReduction) {
+  std::atomic<int> beats{0};
+  std::vector<int> lights, at;
+  const auto reduced =
+      reduce_session(session_, "", 2, {}, {{}, [&] { ++beats; }}, [&](const CurvePoint& point) {
+        lights.push_back(point.lights);
+        at.push_back(beats);
+      });
+  ASSERT_TRUE(reduced) << reduced.error().message;
+  EXPECT_EQ(lights, (std::vector<int>{1, 2, 3, 4}));
+  for (std::size_t i = 1; i < at.size(); ++i)
+    EXPECT_GE(at[i] - at[i - 1], 5) << "frames read, merged, extracted, fitted";
+  EXPECT_GE(at.front(), 6) << "the stages of a plan came first";
+  EXPECT_GE(beats - at.back(), 10) << "random lights and pictures come after";
+}
+
 TEST_F(Story, KeepsItsResultWhereAReductionIsToldToStop) {
   const std::string before = read_file(session_ / "result" / "result.json").value();
   std::stop_source stop;
   stop.request_stop();
-  const auto reduced = reduce_session(session_, "", 1, {}, stop.get_token());
+  const auto reduced = reduce_session(session_, "", 1, {}, {stop.get_token()});
   ASSERT_FALSE(reduced);
   EXPECT_EQ(reduced.error().code, ErrorCode::stopped);
   EXPECT_EQ(read_file(session_ / "result" / "result.json").value(), before);
