@@ -89,6 +89,11 @@ Result<Alongside::PoseSeen> Alongside::wait_for_pose(const std::string& shot,
   return PoseSeen{**pose_, pose_of_};
 }
 
+bool Alongside::pose_is_settled() const {
+  const std::lock_guard lock(mutex_);
+  return !pose_wanted_;
+}
+
 std::string Alongside::take_problem() {
   const std::lock_guard lock(mutex_);
   return std::exchange(problem_, {});

@@ -60,6 +60,8 @@ class Alongside {
     std::string shot;  ///< that it was judged by
   };
   Result<PoseSeen> wait_for_pose(const std::string& shot, const Patience& patience);
+  /// Whether a shot has told how the object lies, or looking for it has failed: nobody would wait.
+  bool pose_is_settled() const;
   /// The first failure, once; "" when there is none.
   std::string take_problem();
 

@@ -269,10 +269,9 @@ Result<void> CaptureRun::collect_shot() {
 /// object does not lie as modelled, a person says whether to go on.
 Result<void> CaptureRun::look_at_pose(bool more_to_come) {
   if (captured_.shots.empty()) return {};
-  // Where nobody is to be waited for, neither is the look: it goes on while the second light is
-  // captured.
+  // Where nobody is to be waited for, neither is the look: it goes on while lights are captured.
   const bool waits = t_.rig.pause.wrong_pose;
-  if (!waits && more_to_come && captured_.shots.size() < 2) return {};
+  if (!waits && more_to_come && !alongside_.pose_is_settled()) return {};
   if (!pose_.looked) {
     say("looking how the object lies");
     const std::string& shot = captured_.shots.back().name;
