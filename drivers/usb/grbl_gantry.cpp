@@ -17,6 +17,8 @@ using namespace std::chrono_literals;
 constexpr char feed_hold = '!';
 constexpr std::chrono::milliseconds poll_interval{20};
 constexpr std::chrono::milliseconds farewell{500};
+constexpr std::chrono::milliseconds banner_patience{
+    500};  // after a reset; it comes within some ten
 constexpr std::chrono::milliseconds queueing_patience{2000};
 /// For which nothing may come nearer to a move's target.
 constexpr std::chrono::milliseconds stall_patience{2500};
@@ -128,9 +130,10 @@ Result<void> GrblGantryDevice::home(const Until& until) {
   homed_ = false;
   if (auto settled = settle_stop(until); !settled) return settled;
   if (auto done = controller_->link.home(until); !done) {
-    // Homing heeds no feed hold: only a reset ends it.
+    // Homing heeds no feed hold: only a reset ends it. Its banner is read here: whatever comes
+    // next, a lamp's 0 above all, would take it for a controller that restarted.
     if (done.error().code == ErrorCode::stopped || done.error().code == ErrorCode::timed_out)
-      (void)controller_->link.realtime(0x18);
+      (void)controller_->link.reset({clock_.now() + banner_patience, {}});
     stop_pending_ = true;
     return tl::unexpected(with_context("home", done.error()));
   }

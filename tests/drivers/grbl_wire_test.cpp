@@ -110,6 +110,30 @@ TEST_F(GrblWire, AfterAStopTheRestOfTheMoveIsNeverDriven) {
   EXPECT_TRUE(back) << back.error().message;
 }
 
+// Only a reset ends a homing. What follows finds the controller in step: a lamp whose 0 went
+// unanswered was said to burn, perhaps, after every ABORT of a homing.
+TEST_F(GrblWire, AHomingThatIsStoppedLeavesALampThatIsKnownToBeDark) {
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  std::jthread stopper([&] {
+    while (world_->gantry_status().at_rest) std::this_thread::sleep_for(5ms);
+    stop_.request_stop();
+  });
+  const auto homed = opened->gantry->home(soon(20s));
+  ASSERT_FALSE(homed);
+  EXPECT_EQ(homed.error().code, ErrorCode::stopped) << homed.error().message;
+  stop_ = {};
+  const auto dark = opened->lamp->set(0, soon(2s));
+  EXPECT_TRUE(dark) << dark.error().message;
+  *opened = {};
+  auto again = open();
+  ASSERT_TRUE(again) << again.error().message;
+  if (const auto status = again->gantry->status(soon(2s)); status && !status->alarm.empty()) {
+    ASSERT_TRUE(again->gantry->clear_fault(soon(5s)));
+  }
+  expect_homed_and_moved(*again->gantry);
+}
+
 TEST_F(GrblWire, TheLampIsTheSpindleAndGoesDarkWithItsOwner) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
