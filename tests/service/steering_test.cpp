@@ -111,6 +111,10 @@ TEST_F(ServiceSteering, AbortsThoughItsBodyIsAnnouncedAsTooLarge) {
   RawConnection large(socket_);
   large.send("POST /v1/abort HTTP/1.1\r\nHost: x\r\n" + mutation_headers +
              "Content-Length: 99999999999\r\n\r\n");
+  EXPECT_THAT(large.receive("\r\n\r\n{", std::chrono::seconds(20)), HasSubstr(" 200 "))
+      << "answered by its head";
+  large.receive("never", std::chrono::seconds(20));
+  EXPECT_TRUE(large.closed()) << "what follows is not read";
   wait_for_state("unarmed");
   EXPECT_EQ(host_->service().snapshot().aborts, 1U);
 }
@@ -125,6 +129,28 @@ TEST_F(ServiceSteering, MovesOnceForRequestsRepeatedUnderOneKey) {
   EXPECT_EQ(post("/v1/jog", step).json()["command"], first["command"]);
   const Json end = wait_for([](const Json& now) { return !now["busy"].get<bool>(); });
   EXPECT_NEAR(end["devices"]["gantry"]["position"][0].get<double>(), 5 * 3.14159265 / 180, 1e-3);
+}
+
+TEST_F(ServiceSteering, LightsAndLooksOnceForRequestsRepeatedUnderOneKey) {
+  arm();
+  const auto idle = [](const Json& now) { return !now["busy"].get<bool>(); };
+  const auto command_of = [&](const std::string& path, const std::string& body) {
+    const RawReply reply = post(path, body);
+    EXPECT_EQ(reply.status, 202) << reply.body;
+    wait_for(idle);
+    return reply.json()["command"];
+  };
+  const std::string look = R"({"exposure_s":0.01,"lamp":true,"key":"k1"})";
+  const Json first = command_of("/v1/snap", look);
+  EXPECT_EQ(command_of("/v1/snap", look), first);
+  EXPECT_NE(command_of("/v1/snap", R"({"exposure_s":0.01,"lamp":true,"key":"k2"})"), first);
+  EXPECT_NE(command_of("/v1/snap", R"({"exposure_s":0.01})"), first) << "no key is no key";
+  const Json lit = command_of("/v1/lamp", R"({"power":0.5,"key":"k1"})");
+  EXPECT_NE(lit, first) << "a key is its command's own";
+  command_of("/v1/lamp", R"({"power":0})");
+  EXPECT_EQ(command_of("/v1/lamp", R"({"power":0.5,"key":"k1"})"), lit);
+  EXPECT_EQ(status()["devices"]["lamp"]["power"], 0) << "it came late, and lights nothing";
+  EXPECT_EQ(post("/v1/lamp", R"({"power":0,"key":1})").status, 422);
 }
 
 TEST_F(ServiceSteering, WaitsForSpaceBeforeItsResultAndGoesOnByItself) {

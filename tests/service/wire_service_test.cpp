@@ -141,6 +141,43 @@ TEST_F(ServiceOverWires, ALampThatAPersonLeftOnGoesDarkWhenItsLeaseEnds) {
   EXPECT_FALSE(service_->snapshot().lamp_may_be_on);
 }
 
+// While the gantry moves nobody heeds a lease.
+class ServiceOfASlowJog : public ServiceOverWires {
+  void shape(test::SmallWireRig& text) override {
+    text.set("max_speed_deg_per_s", "10");
+    text.set("max_on_time_s", "6");
+  }
+
+ protected:
+  /// The brightest that the lamp was on the way there.
+  double brightest_on_the_way_to(double degrees) {
+    EXPECT_TRUE(service_->jog(person, "azimuth", degrees * 0.017453292519943295, false));
+    double brightest = 0;
+    wait_until([&] {
+      if (!hosted_->world->gantry_status().at_rest) brightest = std::max(brightest, lamp_power());
+      return !service_->snapshot().busy;
+    });
+    EXPECT_EQ(service_->snapshot().commands.back().state, "done")
+        << service_->snapshot().commands.back().message;
+    return brightest;
+  }
+};
+
+TEST_F(ServiceOfASlowJog, AJogThatMayOutlastTheLampsLeaseIsDrivenInTheDark) {
+  const auto idle = [this] { return !service_->snapshot().busy; };
+  ASSERT_TRUE(service_->home(person));
+  ASSERT_TRUE(wait_until(idle));
+  ASSERT_TRUE(service_->lamp(person, 1));
+  ASSERT_TRUE(wait_until([&] { return idle() && lamp_power() > 0; }));
+  // By 3° it is there long before; by 40° it takes 4 s, and may take half as long again and more.
+  EXPECT_GT(brightest_on_the_way_to(3), 0);
+  EXPECT_EQ(brightest_on_the_way_to(43), 0);
+  EXPECT_THAT(service_->snapshot().commands.back().message,
+              ::testing::HasSubstr("the lamp was made dark first"));
+  EXPECT_EQ(lamp_power(), 0);
+  EXPECT_EQ(service_->snapshot().state, State::armed);
+}
+
 // The stop that an ABORT sends brakes the arm for a while, and nothing keeps a person from arming
 // meanwhile.
 class ServiceOfASlowArm : public ServiceOverWires {
