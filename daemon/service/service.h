@@ -224,6 +224,7 @@ class Service {
   Result<void> add_truth(SessionSpec& spec);
   Result<std::string> run_session(SessionControl& control, const SessionFolder& folder,
                                   const SessionSpec& spec, Prepared& prepared);
+  void end_capture(const SessionControl& control, const SessionEnd& end);
   Result<std::string> finish_session(SessionControl& control, const SessionFolder& folder,
                                      const SessionEnd& end);
   Result<std::string> reduce(SessionControl& control, const SessionFolder& folder);
@@ -232,12 +233,14 @@ class Service {
   Result<void> wait_for_space(SessionControl& control, const std::filesystem::path& folder,
                               std::chrono::seconds longest);
   Result<std::string> refuse_session(const Error& error);
+  std::chrono::milliseconds longest_step() const;
+  Patience computing(const SessionControl& control);
+
+  // session_told.cpp: what a session tells on its way
   void on_event(const JournalEvent& event);
   void on_progress(const SessionProgress& progress);
   void on_frame(const Frame& frame, const std::string& shot);
   void on_points(std::span<const CurvePoint> points);
-  std::chrono::milliseconds longest_step() const;
-  Patience computing(const SessionControl& control);
 
   const ServiceSettings settings_;
   const Log& log_;
