@@ -127,14 +127,16 @@ Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes)
                  *key};
 }
 
-Result<double> lamp_body(const std::string& body) {
+Result<LampBody> lamp_body(const std::string& body) {
   auto json = read_object(body);
   if (!json) return tl::unexpected(with_context("lamp", json.error()));
   const auto power = json->find("power");
   if (power == json->end() || !power->is_number() || !(power->get<double>() >= 0) ||
       !(power->get<double>() <= 1))
     return fail(ErrorCode::invalid_input, "lamp: \"power\" must be a number from 0 to 1");
-  return power->get<double>();
+  auto key = string_of(*json, "key");
+  if (!key) return tl::unexpected(with_context("lamp", key.error()));
+  return LampBody{power->get<double>(), *key};
 }
 
 Result<SnapBody> snap_body(const std::string& body, double least, double most) {
@@ -145,7 +147,9 @@ Result<SnapBody> snap_body(const std::string& body, double least, double most) {
       !(exposure->get<double>() <= most))
     return fail(ErrorCode::invalid_input,
                 fmt::format("snap: \"exposure_s\" must be a number from {} to {}", least, most));
-  return SnapBody{exposure->get<double>(), flag_member(body, "lamp")};
+  auto key = string_of(*json, "key");
+  if (!key) return tl::unexpected(with_context("snap", key.error()));
+  return SnapBody{exposure->get<double>(), flag_member(body, "lamp"), *key};
 }
 
 Result<StartBody> start_body(const std::string& body) {

@@ -36,12 +36,17 @@ struct JogBody {
 /// Errors: invalid_input: an unknown axis, a unit that is not the axis'.
 Result<JogBody> jog_body(const std::string& body, const std::vector<Axis>& axes);
 
-/// The lamp's power [0, 1]. Errors: invalid_input.
-Result<double> lamp_body(const std::string& body);
+struct LampBody {
+  double power = 0;  ///< [0, 1]
+  std::string key;   ///< "" for none
+};
+/// Errors: invalid_input.
+Result<LampBody> lamp_body(const std::string& body);
 
 struct SnapBody {
   double exposure = 0;  ///< [s]
   bool lit = false;
+  std::string key;  ///< "" for none
 };
 /// Errors: invalid_input, also for an exposure outside what the sensor takes.
 Result<SnapBody> snap_body(const std::string& body, double least, double most);

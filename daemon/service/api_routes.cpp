@@ -64,14 +64,16 @@ std::vector<Route> Api::rig_routes() {
        "/v1/lamp",
        "Set the lamp of an armed rig; it goes dark by itself after max_on_time_s",
        mutation,
-       {{"power", "number", true, "0 to 1, at most the rig's max_power"}},
+       {{"power", "number", true, "0 to 1, at most the rig's max_power"},
+        {"key", "string", false, "requests repeated under one key set it once"}},
        &Api::lamp},
       {"POST",
        "/v1/snap",
        "Take one frame for the preview, where the gantry stands",
        mutation,
        {{"exposure_s", "number", true, "seconds, within the sensor's range"},
-        {"lamp", "boolean", false, "with the lamp lit and warm; dark afterwards"}},
+        {"lamp", "boolean", false, "with the lamp lit and warm; dark afterwards"},
+        {"key", "string", false, "requests repeated under one key take one frame"}},
        &Api::snap},
       {"GET",
        "/v1/rig",
@@ -222,16 +224,16 @@ HttpAnswer Api::jog(const HttpRequest& request, const std::string&) {
 }
 
 HttpAnswer Api::lamp(const HttpRequest& request, const std::string&) {
-  const auto power = lamp_body(request.body);
-  if (!power) return error_reply(power.error());
-  return accepted(service_.lamp(caller_of(request), *power));
+  const auto lamp = lamp_body(request.body);
+  if (!lamp) return error_reply(lamp.error());
+  return accepted(service_.lamp(caller_of(request), lamp->power, lamp->key));
 }
 
 HttpAnswer Api::snap(const HttpRequest& request, const std::string&) {
   const SensorModel& sensor = service_.rig().camera.sensor;
   const auto snap = snap_body(request.body, sensor.min_exposure, sensor.max_exposure);
   if (!snap) return error_reply(snap.error());
-  return accepted(service_.snap(caller_of(request), snap->exposure, snap->lit));
+  return accepted(service_.snap(caller_of(request), snap->exposure, snap->lit, snap->key));
 }
 
 HttpAnswer Api::rig(const HttpRequest&, const std::string&) {

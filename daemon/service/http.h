@@ -55,7 +55,8 @@ using HttpHandler = std::function<HttpAnswer(const HttpRequest&)>;
 
 /// Told of a request once its head is there and before any of its body is: true where it has acted
 /// on that already. The handler is asked all the same, for the answer; of such a request no body is
-/// refused, and none that is too large is kept. Runs where the handler does.
+/// refused; one that is too large is not kept, and one that says so is not waited for. Runs where
+/// the handler does.
 using HttpHead = std::function<bool(const HttpRequest&)>;
 
 struct HttpLimits {

@@ -112,6 +112,7 @@ struct HttpServer::Impl {
                         const char* upload, std::size_t* upload_size, void** context);
   MHD_Result begin(MHD_Connection* connection, const char* url, const char* method, void** context);
   MHD_Result answer(MHD_Connection* connection, Exchange& exchange);
+  HttpReply too_large() const;
   static MHD_Result send(MHD_Connection* connection, const HttpReply& reply);
   MHD_Result send_later(MHD_Connection* connection, Exchange& exchange, HttpLater later);
   MHD_Result send_events(MHD_Connection* connection, const HttpEvents& events);
@@ -163,12 +164,17 @@ MHD_Result HttpServer::Impl::begin(MHD_Connection* connection, const char* url, 
   const bool too_long =
       length.size() > 18 ||
       (!length.empty() && std::strtoull(length.c_str(), nullptr, 10) > limits.body_bytes);
-  if (too_long && !request.acted)
-    return send(connection,
-                error_reply(413, "invalid_input",
-                            fmt::format("the body may have {} bytes at most", limits.body_bytes)));
+  if (too_long && !request.acted) return send(connection, too_large());
+  // What its head alone was enough for is answered by it alone. Nobody reads what follows: the
+  // library closes the connection behind an answer that comes before its body.
+  if (too_long) return answer(connection, *exchange);
   *context = exchange.release();
   return MHD_YES;
+}
+
+HttpReply HttpServer::Impl::too_large() const {
+  return error_reply(413, "invalid_input",
+                     fmt::format("the body may have {} bytes at most", limits.body_bytes));
 }
 
 // Called once with the headers, then with each piece of the body, then to answer; and once more
@@ -193,10 +199,7 @@ MHD_Result HttpServer::Impl::answer(MHD_Connection* connection, Exchange& exchan
   if (exchange.later) return send(connection, *exchange.later);
   set_phase(connection, Connection::Phase::answering);
   if (exchange.too_large && exchange.request.acted) exchange.request.body.clear();
-  if (exchange.too_large && !exchange.request.acted)
-    return send(connection,
-                error_reply(413, "invalid_input",
-                            fmt::format("the body may have {} bytes at most", limits.body_bytes)));
+  if (exchange.too_large && !exchange.request.acted) return send(connection, too_large());
   HttpAnswer made = handler(exchange.request);
   if (auto* reply = std::get_if<HttpReply>(&made)) return send(connection, *reply);
   if (auto* later = std::get_if<HttpLater>(&made))

@@ -222,6 +222,10 @@ Result<LampState> RigAccess::set_lamp(double power, const std::stop_token& stop)
   return state;
 }
 
+bool RigAccess::lease_covers(std::chrono::nanoseconds time) const {
+  return !lamp_until_ || clock_->now() + time < *lamp_until_;
+}
+
 Result<void> RigAccess::heed_lease() {
   if (!devices_ || !devices_->lamp || !lamp_until_ || clock_->now() < *lamp_until_) return {};
   if (auto dark = devices_->lamp->set(0, within(answer_time, {})); !dark)

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <memory>
 #include <optional>
 #include <stop_token>
@@ -63,6 +64,9 @@ class RigAccess {
   /// max_on_time. Errors: refused beyond the rig's max_power, or with an interlock open; those of
   /// the lamp.
   Result<LampState> set_lamp(double power, const std::stop_token& stop);
+  /// Whether a lamp that set_lamp() lit has its lease for as long as this, or is dark: while the
+  /// gantry moves or the camera exposes nobody heeds it.
+  bool lease_covers(std::chrono::nanoseconds time) const;
   /// Makes the lamp dark once its lease is over: an output at the end of a wire knows of none. To
   /// be called every few seconds while nothing else is done.
   Result<void> heed_lease();

@@ -70,10 +70,15 @@ void Service::shut_down() {
 // --- the slot and the state ---------------------------------------------------------------------
 
 Result<std::uint64_t> Service::submit(const std::string& name, const Caller& caller, Event event,
-                                      bool now, Work work, std::optional<SessionView> session) {
+                                      bool now, Work work, std::optional<SessionView> session,
+                                      const std::string& key) {
   std::uint64_t id = 0;
   {
     const std::lock_guard lock(mutex_);
+    // A request that is repeated is answered as the first one was, whatever has become of it.
+    if (const auto last = last_keyed_.find(name);
+        !key.empty() && last != last_keyed_.end() && last->second.key == key)
+      return last->second.id;
     const auto after = next(state_, event);
     if (!after)
       return fail(ErrorCode::refused,
@@ -92,6 +97,7 @@ Result<std::uint64_t> Service::submit(const std::string& name, const Caller& cal
     slot_ = Command{id, name, std::move(work), std::make_unique<SessionControl>()};
     commands_.push_back({id, name, "running", ""});
     if (commands_.size() > records_kept) commands_.pop_front();
+    if (!key.empty()) last_keyed_[name] = {key, id};
   }
   changed_.notify_all();
   log_.info("command", {{"command", name}, {"by", caller.name}, {"peer", caller.peer}});
@@ -216,31 +222,28 @@ Result<std::uint64_t> Service::home(const Caller& caller) {
 
 Result<std::uint64_t> Service::jog(const Caller& caller, const std::string& axis, double value,
                                    bool relative, const std::string& key) {
-  {
-    const std::lock_guard lock(mutex_);
-    if (!key.empty() && key == last_jog_.key) return last_jog_.id;
-  }
   // Jogging is legal exactly where homing is; the state does not change by it.
-  auto accepted = submit("jog", caller, Event::home, false,
-                         [this, axis, value, relative](SessionControl& control) {
-                           return do_jog(control, axis, value, relative);
-                         });
-  if (!accepted) return accepted;
-  const std::lock_guard lock(mutex_);
-  last_jog_ = {key, *accepted};
-  return accepted;
+  return submit(
+      "jog", caller, Event::home, false,
+      [this, axis, value, relative](SessionControl& control) {
+        return do_jog(control, axis, value, relative);
+      },
+      {}, key);
 }
 
-Result<std::uint64_t> Service::lamp(const Caller& caller, double power) {
+Result<std::uint64_t> Service::lamp(const Caller& caller, double power, const std::string& key) {
   // Legal where jogging is: the rig is armed and does nothing else.
-  return submit("lamp", caller, Event::home, false,
-                [this, power](SessionControl& control) { return do_lamp(control, power); });
+  return submit(
+      "lamp", caller, Event::home, false,
+      [this, power](SessionControl& control) { return do_lamp(control, power); }, {}, key);
 }
 
-Result<std::uint64_t> Service::snap(const Caller& caller, double exposure, bool lit) {
-  return submit("snap", caller, Event::home, false, [this, exposure, lit](SessionControl& control) {
-    return do_snap(control, exposure, lit);
-  });
+Result<std::uint64_t> Service::snap(const Caller& caller, double exposure, bool lit,
+                                    const std::string& key) {
+  return submit(
+      "snap", caller, Event::home, false,
+      [this, exposure, lit](SessionControl& control) { return do_snap(control, exposure, lit); },
+      {}, key);
 }
 
 Result<std::string> Service::start(const Caller& caller, StartRequest request) {

@@ -117,17 +117,19 @@ class Service {
   Result<std::uint64_t> disarm(const Caller& caller);
   Result<std::uint64_t> clear(const Caller& caller);
   Result<std::uint64_t> home(const Caller& caller);
-  /// Moves one axis by, or to, a value [rad or m]. Requests repeated under one key move once; "" is
-  /// no key.
+  // Requests repeated under one key are carried out once; "" is no key.
+
+  /// Moves one axis by, or to, a value [rad or m].
   Result<std::uint64_t> jog(const Caller& caller, const std::string& axis, double value,
                             bool relative, const std::string& key = "");
 
   /// Sets the lamp of an armed rig [0, 1]; its lease makes it dark again, and so does whatever ends
   /// the arming.
-  Result<std::uint64_t> lamp(const Caller& caller, double power);
+  Result<std::uint64_t> lamp(const Caller& caller, double power, const std::string& key = "");
   /// Takes one frame for the preview, with the lamp lit and warmed up for it where `lit`, dark
   /// afterwards.
-  Result<std::uint64_t> snap(const Caller& caller, double exposure, bool lit);
+  Result<std::uint64_t> snap(const Caller& caller, double exposure, bool lit,
+                             const std::string& key = "");
 
   /// The id of the session, planning from now on.
   Result<std::string> start(const Caller& caller, StartRequest request);
@@ -180,7 +182,8 @@ class Service {
 
   // service.cpp: the slot and the state, for any thread
   Result<std::uint64_t> submit(const std::string& name, const Caller& caller, Event event, bool now,
-                               Work work, std::optional<SessionView> session = {});
+                               Work work, std::optional<SessionView> session = {},
+                               const std::string& key = "");
   Result<std::uint64_t> done_already(const std::string& name, const std::string& message);
   bool apply(Event event, const std::string& reason = "", const SessionWords& words = {});
   bool apply_unless_stopped(Event event, const SessionControl& control);
@@ -221,6 +224,7 @@ class Service {
   Result<void> add_truth(SessionSpec& spec);
   Result<std::string> run_session(SessionControl& control, const SessionFolder& folder,
                                   const SessionSpec& spec, Prepared& prepared);
+  void end_capture(const SessionControl& control, const SessionEnd& end);
   Result<std::string> finish_session(SessionControl& control, const SessionFolder& folder,
                                      const SessionEnd& end);
   Result<std::string> reduce(SessionControl& control, const SessionFolder& folder);
@@ -229,12 +233,14 @@ class Service {
   Result<void> wait_for_space(SessionControl& control, const std::filesystem::path& folder,
                               std::chrono::seconds longest);
   Result<std::string> refuse_session(const Error& error);
+  std::chrono::milliseconds longest_step() const;
+  Patience computing(const SessionControl& control);
+
+  // session_told.cpp: what a session tells on its way
   void on_event(const JournalEvent& event);
   void on_progress(const SessionProgress& progress);
   void on_frame(const Frame& frame, const std::string& shot);
   void on_points(std::span<const CurvePoint> points);
-  std::chrono::milliseconds longest_step() const;
-  Patience computing(const SessionControl& control);
 
   const ServiceSettings settings_;
   const Log& log_;
@@ -263,10 +269,11 @@ class Service {
   struct {
     std::string key, id;
   } last_start_;  ///< the idempotency key of the last accepted start, and the session it began
-  struct {
+  struct Keyed {
     std::string key;
     std::uint64_t id = 0;
-  } last_jog_;  ///< the same of the last accepted jog, and its command
+  };
+  std::map<std::string, Keyed> last_keyed_;  ///< the same of other commands by name, and their ids
   struct Found {
     bool good = false;
     std::string said;

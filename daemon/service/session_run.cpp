@@ -176,11 +176,16 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
   access_.set_object(spec.object);
   object_ = spec.object;
   liveness_.promise(longest_step());
+  bool ended = false;
   const SessionListeners listeners{
       [this](const JournalEvent& event) { on_event(event); },
       [this](const SessionProgress& progress) { on_progress(progress); },
       [this](const Frame& frame, const std::string& shot) { on_frame(frame, shot); },
-      [this](const std::string&, std::uint64_t take) { access_.set_take(take); }};
+      [this](const std::string&, std::uint64_t take) { access_.set_take(take); },
+      [this, &control, &ended](const SessionEnd& how) {
+        ended = true;
+        end_capture(control, how);
+      }};
   SessionEnd end;
   // From its first line on capture() waits for space itself.
   const auto begun =
@@ -197,16 +202,24 @@ Result<std::string> Service::run_session(SessionControl& control, const SessionF
         return {};
       });
   if (!begun) return not_begun(control, "begin the capture");
-  access_.remember_lamp(!end.lamp_may_be_on);
+  if (!ended) end_capture(control, end);  // it had not got as far as its first line
   return finish_session(control, folder, end);
+}
+
+// Unless the session goes on, its devices are given back now, and not once the light in hand is
+// reduced.
+void Service::end_capture(const SessionControl& control, const SessionEnd& end) {
+  access_.remember_lamp(!end.lamp_may_be_on);
+  lamp_unsure(end.lamp_may_be_on);
+  if (end.lamp_may_be_on || end.outcome == SessionOutcome::faulted)
+    apply(Event::fault, end.reason);
+  else if (end.outcome == SessionOutcome::aborted)
+    apply(Event::abort, control.reason().empty() ? end.reason : control.reason());
+  settle_devices();
 }
 
 Result<std::string> Service::finish_session(SessionControl& control, const SessionFolder& folder,
                                             const SessionEnd& end) {
-  if (end.lamp_may_be_on) {
-    lamp_unsure(true);
-    apply(Event::fault, end.reason);
-  }
   switch (end.outcome) {
     case SessionOutcome::done:
     case SessionOutcome::stopped_early:
@@ -218,10 +231,8 @@ Result<std::string> Service::finish_session(SessionControl& control, const Sessi
         apply(Event::pause, end.reason, {"", "condition"});
       return end.reason;
     case SessionOutcome::aborted:
-      apply(Event::abort, control.reason().empty() ? end.reason : control.reason());
       return fail(ErrorCode::stopped, end.reason);
     case SessionOutcome::faulted:
-      apply(Event::fault, end.reason);
       return fail(ErrorCode::refused, end.reason);
   }
   if (auto facts = access_.facts(control.stop_token())) remember(*facts);
@@ -318,84 +329,6 @@ Result<std::string> Service::reduce(SessionControl& control, const SessionFolder
                         summary->has_truth ? percent(summary->true_error.percent_log) : "unknown"},
                        {"folder", summary->result.string()}});
   return "the session is done; its result is in " + summary->result.string();
-}
-
-// --- what capture() tells, on the session thread ------------------------------------------------
-
-void Service::on_event(const JournalEvent& event) {
-  liveness_.promise(longest_step());
-  std::string session;
-  {
-    const std::lock_guard lock(mutex_);
-    session = session_->id;
-    if (event.event == "resumed")
-      session_->pause_requested = active_ != nullptr && active_->pause_requested();
-  }
-  hub_.publish(event.sequence, event.event, event_json(session, event));
-  const auto word = [&](const char* name) {
-    return event.fields.is_object() && event.fields.contains(name) && event.fields[name].is_string()
-               ? event.fields[name].get<std::string>()
-               : std::string();
-  };
-  if (event.event == "paused") apply(Event::pause, word("reason"), {"", word("why")});
-  if (event.event == "resumed") apply(Event::resume);
-  // Nobody waits for a wrong pose unless the rig file says so: somebody should still read of it.
-  const bool doubtful = event.event == "pose" && !word("reason").empty();
-  log_.write(doubtful ? LogLevel::warning : LogLevel::info, event.event,
-             {{"session", session},
-              {"seq", std::to_string(event.sequence)},
-              {"shot", word("name")},
-              {"outcome", word("outcome")},
-              {"reason", word("reason")}});
-  log_.debug("journal", {{"seq", std::to_string(event.sequence)},
-                         {"facts", event.fields.is_null() ? "" : json_text(event.fields)}});
-}
-
-void Service::on_progress(const SessionProgress& progress) {
-  liveness_.promise(longest_step());
-  std::string session;
-  std::optional<RigFacts> facts;
-  {
-    const std::lock_guard lock(mutex_);
-    session = session_->id;
-    if (facts_ && progress.gantry) facts_->gantry = *progress.gantry;
-    if (facts_ && facts_->lamp && progress.lamp_power) facts_->lamp->power = *progress.lamp_power;
-    facts = facts_;
-    session_->progress = progress;
-    session_->progress.curve.clear();
-  }
-  hub_.update("progress", progress_json(session, progress, facts));
-  on_points(progress.curve);
-}
-
-// The curve grows as lights are reduced: also by those of before a restart, which are again.
-void Service::on_points(std::span<const CurvePoint> points) {
-  bool news = false;
-  {
-    const std::lock_guard lock(mutex_);
-    std::vector<CurvePoint>& curve = session_->curve;
-    // A light taken back takes its point along.
-    news = std::erase_if(curve, [&](const CurvePoint& point) {
-             return point.lights > session_->progress.shots_done;
-           }) > 0;
-    for (const CurvePoint& point : points) {
-      auto at = std::ranges::lower_bound(curve, point.lights, {}, &CurvePoint::lights);
-      if (at != curve.end() && *at == point) continue;
-      if (at == curve.end() || at->lights != point.lights) at = curve.insert(at, point);
-      *at = point;
-      news = true;
-    }
-  }
-  if (news) tell_state();
-}
-
-void Service::on_frame(const Frame& frame, const std::string& shot) {
-  liveness_.promise(longest_step());
-  {
-    const std::lock_guard lock(mutex_);
-    ++frames_;
-  }
-  hub_.update("preview", preview_json(preview_.offer(frame, shot)));
 }
 
 }  // namespace lightrig

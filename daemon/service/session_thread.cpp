@@ -7,6 +7,7 @@
 
 #include "daemon/service/service.h"
 #include "daemon/service/status_json.h"
+#include "daemon/session/guarded_move.h"
 
 namespace lightrig {
 namespace {
@@ -16,6 +17,11 @@ using namespace std::chrono_literals;
 constexpr auto idle_look = 2s;        ///< between two looks at an armed rig that does nothing
 constexpr auto idle_promise = 60s;    ///< a look that hangs longer than this is a hang
 constexpr auto short_promise = 120s;  ///< opening devices, asking them, closing them
+
+std::chrono::nanoseconds nanoseconds_of(double seconds) {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+      std::chrono::duration<double>(seconds));
+}
 
 std::string in_rig_units(const Axis& axis, double value) { return value_text(axis, value, 3); }
 
@@ -220,6 +226,12 @@ Result<std::string> Service::do_jog(SessionControl& control, const std::string& 
                 fmt::format("jog: {} to {} is outside its travel of {} … {}; nothing was moved",
                             axis.name, in_rig_units(axis, target.axes[i]),
                             in_rig_units(axis, axis.min), in_rig_units(axis, axis.max)));
+  const auto longest = longest_move(settings_.rig, now->gantry.position, target);
+  const bool dark_first = !access_.lease_covers(longest);
+  if (dark_first) {
+    if (auto dark = darken(); !dark) return tl::unexpected(dark.error());
+    log_.info("lamp_dark", {{"reason", "its lease may end before the jog does"}});
+  }
   auto moved = access_.move_to(target, control.stop_token());
   if (auto after = access_.facts({})) remember(*after);
   if (!moved) {
@@ -228,7 +240,10 @@ Result<std::string> Service::do_jog(SessionControl& control, const std::string& 
       apply(Event::fault, moved.error().message);
     return tl::unexpected(with_context("jog", moved.error()));
   }
-  return fmt::format("{} is at {}", axis.name, in_rig_units(axis, target.axes[i]));
+  return fmt::format("{} is at {}{}", axis.name, in_rig_units(axis, target.axes[i]),
+                     dark_first ? "; the lamp was made dark first, its max_on_time_s might have "
+                                  "ended on the way"
+                                : "");
 }
 
 Result<std::string> Service::do_lamp(SessionControl& control, double power) {
@@ -250,12 +265,15 @@ Result<std::string> Service::do_snap(SessionControl& control, double exposure, b
   Result<Frame> frame = fail(ErrorCode::stopped, "snap: stopped");
   Result<LampState> lamp = LampState{};
   if (lit) lamp = access_.set_lamp(settings_.rig.lamp.power, stop);
+  const std::chrono::nanoseconds warm_up = lit ? nanoseconds_of(settings_.rig.lamp.warm_up) : 0ns;
+  // Nobody heeds a lease while the camera exposes.
+  if (lamp && !access_.lease_covers(warm_up + nanoseconds_of(exposure)))
+    lamp = fail(ErrorCode::refused,
+                fmt::format("snap: the lamp's max_on_time_s ends before {} would{}",
+                            lit ? "warming up and the exposure" : "the exposure",
+                            lit ? "" : "; set the lamp anew first"));
   if (lamp) {
-    if (lit)
-      access_.clock().sleep_until(
-          access_.clock().now() + std::chrono::duration_cast<std::chrono::nanoseconds>(
-                                      std::chrono::duration<double>(settings_.rig.lamp.warm_up)),
-          stop);
+    if (lit) access_.clock().sleep_until(access_.clock().now() + warm_up, stop);
     if (!stop.stop_requested()) frame = access_.expose(exposure, stop);
   }
   // Dark on every path, whether or not a stop was asked for.

@@ -132,6 +132,7 @@ void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& 
     pose_ = pose;
     pose_of_ = shot.name;
     pose_wanted_ = pose && !pose->told;
+    last_done_ = std::chrono::steady_clock::now();
     changed_.notify_all();
     lock.unlock();
   }

@@ -22,6 +22,14 @@ std::string obstacle(const GantryStatus& now) {
   return {};
 }
 
+std::chrono::nanoseconds longest_move(const Rig& rig, const GantryPosition& from,
+                                      const GantryPosition& to) {
+  const std::chrono::duration<double> predicted(move_time(rig.gantry.model, from, to) *
+                                                rig.gantry.move_time_factor);
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(predicted) +
+         rig.gantry.move_time_margin;
+}
+
 Result<void> guarded_move(const Rig& rig, const Obstacles& obstacles, Gantry& gantry,
                           const GantryStatus& now, const GantryPosition& target, Clock& clock,
                           const std::stop_token& stop) {
@@ -33,11 +41,7 @@ Result<void> guarded_move(const Rig& rig, const Obstacles& obstacles, Gantry& ga
     return refuse("the target is outside the travel that the rig file allows");
   const std::string volume = obstacle_on_the_way(rig, obstacles, now.position, target);
   if (!volume.empty()) return refuse("the way leads through " + volume);
-  const std::chrono::duration<double> predicted(move_time(model, now.position, target) *
-                                                rig.gantry.move_time_factor);
-  const auto time =
-      std::chrono::duration_cast<std::chrono::nanoseconds>(predicted) + rig.gantry.move_time_margin;
-  return gantry.move_to(target, {clock.now() + time, stop});
+  return gantry.move_to(target, {clock.now() + longest_move(rig, now.position, target), stop});
 }
 
 }  // namespace lightrig

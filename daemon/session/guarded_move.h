@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <stop_token>
 #include <string>
 
@@ -13,6 +14,10 @@ namespace lightrig {
 /// What forbids any motion and any light now, in words: an alarm, an open interlock. "" when
 /// nothing does.
 std::string obstacle(const GantryStatus& now);
+
+/// The rig file's deadline of a move: the longest that it may take.
+std::chrono::nanoseconds longest_move(const Rig& rig, const GantryPosition& from,
+                                      const GantryPosition& to);
 
 /// Drives straight to a position. Every motion but homing goes through here, whoever commands it:
 /// it is refused unless the gantry, as `now` says, is homed, at rest and without alarm or open

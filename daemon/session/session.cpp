@@ -34,7 +34,10 @@ SessionEnd capture(const SessionFolder& folder, const Rig& rig, const SessionSpe
                       "or begin a new one"});
   }
   const CaptureTools tools{folder, rig, spec, prepared, devices, clock, control, listeners, reopen};
-  return CaptureRun(tools, std::move(*journal), std::move(*captured)).run();
+  CaptureRun run(tools, std::move(*journal), std::move(*captured));
+  SessionEnd end = run.run();
+  if (listeners.ended) listeners.ended(end);
+  return end;
 }
 
 }  // namespace lightrig

@@ -88,6 +88,9 @@ struct SessionListeners {
   /// Before a shot is begun, with how many times it was taken back before: a simulated rig makes
   /// new noise of it (sim::World::set_take).
   std::function<void(const std::string& shot, std::uint64_t take)> shot_begins;
+  /// Once it has ended and touches no device any more, which may be given back then: capture()
+  /// itself returns when the light that is being reduced alongside is done.
+  std::function<void(const SessionEnd&)> ended;
 };
 
 /// What is opened anew: where gantry and lamp still answer, the camera alone; where the gantry

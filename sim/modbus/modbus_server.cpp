@@ -26,8 +26,18 @@ constexpr std::size_t mbap_bytes = 7;
 constexpr std::size_t most_clients = 8;
 constexpr std::uint8_t no_such_unit = 0x0b;  ///< gateway: target device failed to respond
 
-tl::unexpected<Error> refused(const std::string& doing) {
-  return fail(ErrorCode::refused, fmt::format("{}: {}", doing, std::strerror(errno)));
+tl::unexpected<Error> not_listening(const TcpEndpoint& endpoint) {
+  const int why = errno;
+  const char* remedy = "";
+  if (why == EADDRINUSE)
+    remedy =
+        "; another program has that port, perhaps another simulation of this rig: end it (ss -ltnp "
+        "names it), or give the rig file another port";
+  if (why == EACCES) remedy = "; ports below 1024 are root's: give the rig file another port";
+  if (why == EADDRNOTAVAIL)
+    remedy = "; this machine has no such address: give the rig file one that it has, as 127.0.0.1";
+  return fail(ErrorCode::refused, fmt::format("listen at {}:{}: {}{}", endpoint.host, endpoint.port,
+                                              std::strerror(why), remedy));
 }
 
 }  // namespace
@@ -74,7 +84,7 @@ Result<void> ModbusServer::listen(const TcpEndpoint& endpoint) {
   socklen_t size = sizeof address;
   if (bind(listener_, reinterpret_cast<sockaddr*>(&address), size) != 0 ||
       ::listen(listener_, 8) != 0)
-    return refused(fmt::format("listen at {}:{}", endpoint.host, endpoint.port));
+    return not_listening(endpoint);
   getsockname(listener_, reinterpret_cast<sockaddr*>(&address), &size);
   address_ = fmt::format("{}:{}", endpoint.host, ntohs(address.sin_port));
   return {};

@@ -37,7 +37,7 @@ class Crash : public ::testing::Test {
     if (service_ == 0) {
       if (std::freopen((folder_.path() / "log").c_str(), "a", stderr) == nullptr) _exit(126);
       execl(program.c_str(), "lightrigd", "--rig", rig.c_str(), "--simulate", "--auto-arm",
-            "--clock-rate", "20", "--socket", socket_.c_str(), "--session-root",
+            "--clock-rate", "5", "--socket", socket_.c_str(), "--session-root",
             (folder_.path() / "sessions").c_str(), nullptr);
       _exit(127);
     }

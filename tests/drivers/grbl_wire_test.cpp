@@ -71,10 +71,7 @@ TEST_F(GrblWire, OpenedAgainWhileTheArmBrakesItWaitsForRestBeforeItResets) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(20s)));
-  std::jthread stopper([&] {
-    std::this_thread::sleep_for(800ms);
-    stop_.request_stop();
-  });
+  const std::jthread stopper = stops_once_moving(700ms);  // up to speed
   ASSERT_FALSE(opened->gantry->move_to(test::at_degrees(160, 80), soon(30s)));
   ASSERT_FALSE(world_->gantry_status().at_rest);
   *opened = {};
@@ -92,19 +89,13 @@ TEST_F(GrblWire, AfterAStopTheRestOfTheMoveIsNeverDriven) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(20s)));
-  std::jthread stopper([&] {
-    std::this_thread::sleep_for(150ms);
-    stop_.request_stop();
-  });
-  const auto begin = std::chrono::steady_clock::now();
+  const std::jthread stopper = stops_once_moving(100ms);
   const auto moved = opened->gantry->move_to(test::at_degrees(160, 80), soon(30s));
-  EXPECT_LT(std::chrono::steady_clock::now() - begin, 1s);
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::stopped) << moved.error().message;
   stop_ = std::stop_source();
-  std::this_thread::sleep_for(500ms);
-  const auto rest = world_->gantry_status();
-  EXPECT_TRUE(rest.at_rest);
+  EXPECT_TRUE(comes_to_rest());
+  EXPECT_GT(160 * 0.01745 - world_->gantry_status().position.axes[0], 0.1);
   // The position is kept: a move from here works without homing.
   const auto back = opened->gantry->move_to(test::at_degrees(0, 20), soon(20s));
   EXPECT_TRUE(back) << back.error().message;
@@ -158,8 +149,7 @@ TEST_F(GrblWire, AnOpenDoorIsSaidTheLampStaysDarkAndOnceClosedEverythingWorks) {
   ASSERT_TRUE(opened->gantry->home(soon(20s)));
   ASSERT_TRUE(opened->lamp->set(0.5, soon(2s)));
   world_->set_interlock("door", true);
-  std::this_thread::sleep_for(50ms);
-  EXPECT_EQ(world_->lamp_power(), 0.0);
+  EXPECT_TRUE(comes_to_be([this] { return world_->lamp_power() == 0; }));
   const auto status = opened->gantry->status(soon(2s));
   ASSERT_TRUE(status) << status.error().message;
   EXPECT_EQ(status->open_interlocks, std::vector<std::string>{"door"});
@@ -172,7 +162,10 @@ TEST_F(GrblWire, AnOpenDoorIsSaidTheLampStaysDarkAndOnceClosedEverythingWorks) {
   EXPECT_EQ(world_->lamp_power(), 0.0);
 
   world_->set_interlock("door", false);
-  std::this_thread::sleep_for(50ms);
+  EXPECT_TRUE(comes_to_be([&] {
+    const auto now = opened->gantry->status(soon(2s));
+    return now && now->open_interlocks.empty();
+  }));
   const auto closed = opened->gantry->status(soon(2s));
   ASSERT_TRUE(closed) << closed.error().message;
   EXPECT_TRUE(closed->open_interlocks.empty());
@@ -192,8 +185,11 @@ TEST_F(GrblWire, ALimitIsSaidAtOnceAndUntilItIsCleared) {
   ASSERT_TRUE(opened->gantry->home(soon(20s)));
   ASSERT_TRUE(opened->lamp->set(1, soon(2s)));
   world_->raise_alarm("limit switch");
-  std::this_thread::sleep_for(50ms);
   const auto begin = std::chrono::steady_clock::now();
+  EXPECT_TRUE(comes_to_be([&] {
+    const auto now = opened->gantry->status(soon(20s));
+    return now && !now->alarm.empty();
+  }));
   const auto status = opened->gantry->status(soon(20s));
   ASSERT_TRUE(status) << status.error().message;
   EXPECT_NE(status->alarm.find("ALARM:1"), std::string::npos) << status->alarm;
@@ -202,7 +198,7 @@ TEST_F(GrblWire, ALimitIsSaidAtOnceAndUntilItIsCleared) {
   EXPECT_FALSE(opened->lamp->set(1, soon(20s)));
   const auto dark = opened->lamp->set(0, soon(20s));
   EXPECT_TRUE(dark) << dark.error().message;
-  EXPECT_LT(std::chrono::steady_clock::now() - begin, 5s);
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, 15s) << "a wait for an answer takes 20 s";
   EXPECT_EQ(world_->lamp_power(), 0.0);
   const auto still = opened->gantry->status(soon(2s));
   ASSERT_TRUE(still) << still.error().message;
@@ -289,7 +285,7 @@ TEST_F(GrblWire, AControllerThatReportsInWorkCoordinatesIsUnderstood) {
   const int line = ::open(std::get<SerialEndpoint>(backend_.endpoint).device.c_str(), O_RDWR);
   ASSERT_GE(line, 0);
   ASSERT_EQ(write(line, "$10=0\n", 6), 6);
-  std::this_thread::sleep_for(50ms);
+  std::this_thread::sleep_for(300ms);  // the far end reads it, whoever comes next
   ::close(line);
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;

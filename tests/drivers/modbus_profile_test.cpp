@@ -76,10 +76,7 @@ TEST_P(ModbusProfile, StopsEveryDriveOnRequest) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(30s)));
-  std::jthread stopper([&] {
-    std::this_thread::sleep_for(120ms);
-    stop_.request_stop();
-  });
+  const std::jthread stopper = stops_once_moving(80ms);
   const auto moved = opened->gantry->move_to(test::at_degrees(150, 80), soon(30s));
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::stopped) << moved.error().message;

@@ -161,10 +161,7 @@ TEST_P(ModbusSharedLine, ADriveThatDiesKeepsNoOtherFromStoppingNorTheLampLit) {
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(60s)));
   ASSERT_TRUE(opened->lamp->set(1, soon(2s)));
-  std::jthread killer([&] {
-    std::this_thread::sleep_for(300ms);
-    kill_it();
-  });
+  const std::jthread killer = once_moving(200ms, [this] { kill_it(); });
   const auto moved = opened->gantry->move_to(test::at_degrees(150, 80), soon(30s));
   ASSERT_FALSE(moved) << "the first drive, which was read first, is gone";
   std::this_thread::sleep_for(200ms);
@@ -172,7 +169,8 @@ TEST_P(ModbusSharedLine, ADriveThatDiesKeepsNoOtherFromStoppingNorTheLampLit) {
   std::this_thread::sleep_for(300ms);
   EXPECT_EQ(world_->gantry_status().position.axes[1], second) << "the other was told to stop";
   (void)opened->lamp->set(0, soon(200ms));
-  EXPECT_EQ(world_->lamp_power(), 0) << "the lamp's unit answers, and goes dark at once";
+  EXPECT_TRUE(comes_to_be([this] { return world_->lamp_power() == 0; }))
+      << "the lamp's unit answers, and goes dark";
   // And what is known of the units that answer can still be had.
   EXPECT_TRUE(opened->lamp->state(soon(5s)));
 }
@@ -186,10 +184,8 @@ TEST_P(ModbusSharedLine, AStopAfterALostAnswerDoesNotWaitForTheWireToBeInStep) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(60s)));
-  std::jthread loser([&] {
-    std::this_thread::sleep_for(300ms);
-    ASSERT_TRUE(faults_->add(sim::parse_wire_fault("lost_answer").value()));
-  });
+  const std::jthread loser = once_moving(
+      200ms, [this] { EXPECT_TRUE(faults_->add(sim::parse_wire_fault("lost_answer").value())); });
   const auto moved = opened->gantry->move_to(test::at_degrees(150, 80), soon(30s));
   ASSERT_FALSE(moved);
   EXPECT_TRUE(comes_to_rest()) << "the way takes nine seconds: a drive was not told";

@@ -93,16 +93,12 @@ TEST_P(ModbusWire, AStopRequestReturnsAtOnceAndTheDrivesComeToRest) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(20s)));
-  std::jthread stopper([&] {
-    std::this_thread::sleep_for(150ms);
-    stop_.request_stop();
-  });
+  const std::jthread stopper = stops_once_moving(100ms);
   const auto target = test::at_degrees(150, 80);
   const auto moved = opened->gantry->move_to(target, soon(30s));
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::stopped) << moved.error().message;
-  std::this_thread::sleep_for(1s);
-  EXPECT_TRUE(world_->gantry_status().at_rest);
+  EXPECT_TRUE(comes_to_rest());
   EXPECT_GT((world_->gantry_status().position.axes - target.axes).cwiseAbs().maxCoeff(), 0.1);
 }
 
@@ -110,10 +106,7 @@ TEST_P(ModbusWire, AnOpenDoorEndsTheMoveWithItsName) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
   ASSERT_TRUE(opened->gantry->home(soon(20s)));
-  std::jthread opener([&] {
-    std::this_thread::sleep_for(100ms);
-    world_->set_interlock("door", true);
-  });
+  const std::jthread opener = once_moving(50ms, [this] { world_->set_interlock("door", true); });
   const auto moved = opened->gantry->move_to(test::at_degrees(150, 80), soon(30s));
   ASSERT_FALSE(moved);
   EXPECT_NE(moved.error().message.find("door"), std::string::npos) << moved.error().message;
@@ -143,6 +136,15 @@ TEST_P(ModbusWire, AWireThatIsGoneIsSaidToBeGoneInTime) {
   ASSERT_FALSE(status);
   EXPECT_LT(std::chrono::steady_clock::now() - begin, 5s);
   EXPECT_NE(status.error().message.find("modbus"), std::string::npos) << status.error().message;
+}
+
+// Found: "Address already in use", and nothing on what to do.
+TEST_P(ModbusLampUnit, IsNotHostedWhereAnotherListensAndItIsSaidWhatToDo) {
+  const auto second = sim::host_wire(rig_, backend_, world_);
+  ASSERT_FALSE(second);
+  EXPECT_NE(second.error().message.find("listen at 127.0.0.1:1502"), std::string::npos);
+  EXPECT_NE(second.error().message.find("another program has that port"), std::string::npos)
+      << second.error().message;
 }
 
 std::string wire_name(const testing::TestParamInfo<Wire>& wire) {

@@ -121,12 +121,12 @@ TEST_F(UsbWire, AnotherSerialOrAnotherDeviceIsNotTaken) {
 TEST_F(UsbWire, SilenceEndsAtTheDeadlineAndIsOver) {
   inside([this] {
     ASSERT_NO_FATAL_FAILURE(host_open_and_home());
-    strike("nak ms=700");
+    strike("nak ms=2500");
     std::this_thread::sleep_for(20ms);
     const auto status = devices_.gantry->status(soon(300ms));
     ASSERT_FALSE(status);
     EXPECT_EQ(status.error().code, ErrorCode::timed_out) << status.error().message;
-    std::this_thread::sleep_for(700ms);
+    std::this_thread::sleep_for(2500ms);
     ASSERT_NO_FATAL_FAILURE(expect_well());
   });
 }
@@ -176,13 +176,13 @@ TEST_F(UsbWire, OneTransferWaitsForBytesAllTheTime) {
 TEST_F(UsbWire, AnUnpluggedDeviceIsGoneAndOneThatIsPluggedInAgainIsWaitedFor) {
   inside([this] {
     ASSERT_NO_FATAL_FAILURE(host_open_and_home());
-    strike("unplug ms=900");
+    strike("unplug ms=2500");
     std::this_thread::sleep_for(20ms);
     const auto begin = std::chrono::steady_clock::now();
     const auto status = devices_.gantry->status(soon(5s));
     ASSERT_FALSE(status);
     EXPECT_EQ(status.error().code, ErrorCode::disconnected) << status.error().message;
-    EXPECT_LT(std::chrono::steady_clock::now() - begin, 2s);
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, 4s) << "not the deadline's 5 s";
     ASSERT_NO_FATAL_FAILURE(open());  // while it is still away
     const auto again = devices_.gantry->status(soon(2s));
     ASSERT_TRUE(again) << again.error().message;

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <stop_token>
 #include <string>
@@ -67,11 +68,29 @@ class WireLab {
 
   Result<GantryAndLamp> open() { return open_gantry(rig_, backend_, clock_); }
   Until soon(std::chrono::milliseconds time) { return {clock_.now() + time, stop_.get_token()}; }
-  /// The drives have stopped, within two seconds.
+  /// Waits until it is so, for ten seconds at most: a loaded machine may take its time.
+  template <class So>
+  static bool comes_to_be(So so) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+    while (!so() && std::chrono::steady_clock::now() < end)
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    return so();
+  }
+  /// The drives have stopped.
   bool comes_to_rest() const {
-    for (int i = 0; i < 200 && !world_->gantry_status().at_rest; ++i)
-      std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    return world_->gantry_status().at_rest;
+    return comes_to_be([this] { return world_->gantry_status().at_rest; });
+  }
+  /// Does something this long after the drives have begun to move, on a thread of its own.
+  std::jthread once_moving(std::chrono::milliseconds later, std::function<void()> then) const {
+    return std::jthread([this, later, then = std::move(then)] {
+      EXPECT_TRUE(comes_to_be([this] { return !world_->gantry_status().at_rest; }));
+      std::this_thread::sleep_for(later);
+      then();
+    });
+  }
+  /// Asks every call made with soon() to stop, this long after the drives have begun to move.
+  std::jthread stops_once_moving(std::chrono::milliseconds later) {
+    return once_moving(later, [this] { stop_.request_stop(); });
   }
 
   /// What systemd runs once the service has died: nobody is left who holds the lamp's lease or the

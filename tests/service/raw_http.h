@@ -81,6 +81,7 @@ class RawConnection {
 struct RawReply {
   int status = 0;
   std::string head, body;
+  std::string how;  ///< what came of the connection, where no answer did
   nlohmann::ordered_json json() const {
     return nlohmann::ordered_json::parse(body, nullptr, false);
   }
@@ -93,9 +94,16 @@ inline RawReply request(RawConnection connection, const std::string& method,
   std::string text = method + " " + path + " HTTP/1.1\r\nConnection: close\r\n";
   if (headers.find("Host:") == std::string::npos) text += "Host: localhost\r\n";
   if (method != "GET") text += "Content-Length: " + std::to_string(body.size()) + "\r\n";
+  const auto begun = std::chrono::steady_clock::now();
   connection.send(text + headers + "\r\n" + body);
-  const std::string all = connection.receive("\x01 never", std::chrono::seconds(20));
+  const std::string all = connection.receive("\x01 never", std::chrono::seconds(60));
   RawReply reply;
+  reply.how = !connection.connected() ? "not connected" : connection.closed() ? "closed" : "silent";
+  reply.how +=
+      " after " +
+      std::to_string(
+          std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count()) +
+      " s, with " + std::to_string(all.size()) + " bytes";
   const auto end = all.find("\r\n\r\n");
   if (all.size() < 12 || end == std::string::npos) return reply;
   reply.status = std::atoi(all.substr(9, 3).c_str());

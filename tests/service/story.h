@@ -44,18 +44,22 @@ class ServiceStory : public ::testing::Test {
                 const std::string& headers = mutation_headers) {
     return request(RawConnection(socket_), "POST", path, body, headers);
   }
-  Json status() { return get("/v1/status").json(); }
+  Json status() {
+    const RawReply reply = get("/v1/status");
+    EXPECT_EQ(reply.status, 200) << reply.how;
+    return reply.json();
+  }
 
   /// Waits until the status satisfies, and gives it.
   Json wait_for(const std::function<bool(const Json&)>& good,
                 std::chrono::seconds within = patience) {
     const auto end = std::chrono::steady_clock::now() + within;
     Json last = status();
-    while (!good(last) && std::chrono::steady_clock::now() < end) {
+    while (!(last.is_object() && good(last)) && std::chrono::steady_clock::now() < end) {
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
       last = status();
     }
-    EXPECT_TRUE(good(last)) << last.dump(1);
+    EXPECT_TRUE(last.is_object() && good(last)) << last.dump(1);
     return last;
   }
   Json wait_for_state(const std::string& state) {

@@ -103,7 +103,7 @@ TEST_F(ServiceOverWires, AbortDoesNotWaitForACameraThatIsDeadOrBeingOpenedAgain)
   })) << activity();
   // A register of a dead camera takes 2.5 s, its opening longer; the rest is slack for a loaded
   // machine.
-  EXPECT_LT(steady_clock::now() - asked, 1s);
+  EXPECT_LT(steady_clock::now() - asked, 2s);
   EXPECT_EQ(lamp_power(), 0);
   EXPECT_TRUE(hosted_->world->gantry_status().at_rest);
   EXPECT_FALSE(service_->snapshot().lamp_may_be_on);
@@ -121,8 +121,8 @@ TEST_F(ServiceOverWires, AbortDoesNotWaitForAControllerThatIsSilentAndSaysThatTh
   EXPECT_EQ(service_->snapshot().state, State::aborted);
   ASSERT_TRUE(wait_until([this] { return !service_->snapshot().busy; })) << activity();
   const auto ended = steady_clock::now() - asked;
-  EXPECT_LT(answered, 300ms);  // less than one time-out
-  EXPECT_LT(ended, 10s);
+  EXPECT_LT(answered, 450ms);  // less than one time-out
+  EXPECT_LT(ended, 20s);
   EXPECT_TRUE(service_->snapshot().lamp_may_be_on);
   const Snapshot now = service_->snapshot();
   ASSERT_TRUE(now.session);
@@ -141,12 +141,49 @@ TEST_F(ServiceOverWires, ALampThatAPersonLeftOnGoesDarkWhenItsLeaseEnds) {
   EXPECT_FALSE(service_->snapshot().lamp_may_be_on);
 }
 
+// While the gantry moves nobody heeds a lease.
+class ServiceOfASlowJog : public ServiceOverWires {
+  void shape(test::SmallWireRig& text) override {
+    text.set("max_speed_deg_per_s", "10");
+    text.set("max_on_time_s", "6");
+  }
+
+ protected:
+  /// The brightest that the lamp was on the way there.
+  double brightest_on_the_way_to(double degrees) {
+    EXPECT_TRUE(service_->jog(person, "azimuth", degrees * 0.017453292519943295, false));
+    double brightest = 0;
+    wait_until([&] {
+      if (!hosted_->world->gantry_status().at_rest) brightest = std::max(brightest, lamp_power());
+      return !service_->snapshot().busy;
+    });
+    EXPECT_EQ(service_->snapshot().commands.back().state, "done")
+        << service_->snapshot().commands.back().message;
+    return brightest;
+  }
+};
+
+TEST_F(ServiceOfASlowJog, AJogThatMayOutlastTheLampsLeaseIsDrivenInTheDark) {
+  const auto idle = [this] { return !service_->snapshot().busy; };
+  ASSERT_TRUE(service_->home(person));
+  ASSERT_TRUE(wait_until(idle));
+  ASSERT_TRUE(service_->lamp(person, 1));
+  ASSERT_TRUE(wait_until([&] { return idle() && lamp_power() > 0; }));
+  // By 3° it is there long before; by 40° it takes 4 s, and may take half as long again and more.
+  EXPECT_GT(brightest_on_the_way_to(3), 0);
+  EXPECT_EQ(brightest_on_the_way_to(43), 0);
+  EXPECT_THAT(service_->snapshot().commands.back().message,
+              ::testing::HasSubstr("the lamp was made dark first"));
+  EXPECT_EQ(lamp_power(), 0);
+  EXPECT_EQ(service_->snapshot().state, State::armed);
+}
+
 // The stop that an ABORT sends brakes the arm for a while, and nothing keeps a person from arming
 // meanwhile.
 class ServiceOfASlowArm : public ServiceOverWires {
   void shape(test::SmallWireRig& text) override {
     text.set("max_speed_deg_per_s", "100");
-    text.set("max_acceleration_deg_per_s2", "100");
+    text.set("max_acceleration_deg_per_s2", "30");
   }
 };
 
@@ -155,9 +192,9 @@ TEST_F(ServiceOfASlowArm, ArmedWhileTheArmStillBrakesItWaitsForRestAndNothingLoo
   const auto idle = [this] { return !service_->snapshot().busy; };
   ASSERT_TRUE(service_->home(person));
   ASSERT_TRUE(wait_until(idle));
-  ASSERT_TRUE(service_->jog(person, "azimuth", 100 * 0.017453292519943295, false, ""));
+  ASSERT_TRUE(service_->jog(person, "azimuth", 160 * 0.017453292519943295, false, ""));
   ASSERT_TRUE(wait_until([&] { return !at_rest(); }));
-  std::this_thread::sleep_for(500ms);  // up to speed
+  std::this_thread::sleep_for(1800ms);  // up to a speed that takes as long to lose
   service_->abort(person, "by test");
   ASSERT_TRUE(wait_until([&] { return idle() && !service_->snapshot().facts; }));
   ASSERT_FALSE(at_rest()) << "braked too fast to see anything";
