@@ -138,11 +138,19 @@ TEST(SelectLights, EqualsBruteForceOnTheMeshesAndMaterialsOfTheDataFolder) {
     options.stop = StopRule::count;
     options.max_lights = c.lights;
     options.threads = 2;
-    const Selection fast = select_lights(basis, bins, options);
-    options.brute_force = true;
-    const Selection plain = select_lights(basis, bins, options);
+    LightPlanner planner(basis, bins, options);
+    const Selection fast = planner.select(options);
+    SelectionOptions brute = options;
+    brute.brute_force = true;
+    const Selection plain = select_lights(basis, bins, brute);
     EXPECT_TRUE(same(fast, plain)) << c.mesh << " K " << c.k << " distant " << c.distant;
     EXPECT_EQ(fast.lights.size(), static_cast<std::size_t>(c.lights));
+    // A light is lost: from what the plan made ready, from nothing, and plainly.
+    test::lose_third_light(fast, static_cast<std::size_t>(c.candidates), options);
+    const Selection again = planner.select(options);
+    EXPECT_TRUE(same(again, select_lights(basis, bins, options))) << c.mesh << " K " << c.k;
+    options.brute_force = true;
+    EXPECT_TRUE(same(again, select_lights(basis, bins, options))) << c.mesh << " K " << c.k;
   }
 }
 
