@@ -4,7 +4,6 @@
 #include <limits>
 
 #include "core/condition_chooser.h"
-#include "core/parallel.h"
 #include "core/row_factor.h"
 
 namespace lightrig {
@@ -155,12 +154,7 @@ void ConditionChooser::open_group(int g, std::span<const int> members) {
 }
 
 void ConditionChooser::open_groups(const CandidateGroups::Distinct& distinct) {
-  extremes_.look(taken_.gram());
-  parallel_ranges(groups_.groups(), 4, threads_, [&](std::int64_t first, std::int64_t last, int) {
-    for (int g = static_cast<int>(first); g < static_cast<int>(last); ++g) {
-      open_group(g, distinct.of_group(g));
-    }
-  });
+  extremes_.look(taken_.gram(), [&](int g) { open_group(g, distinct.of_group(g)); });
   for (int g = 0; g < groups_.groups(); ++g) {
     const std::span<const int> members = distinct.of_group(g);
     if (members.empty() || extremes_.of(g).known) continue;
