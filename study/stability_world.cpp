@@ -78,13 +78,9 @@ CellsOfBall cells_of_ball(double size, bool distant) {
   const Eigen::Vector3d view = Eigen::Vector3d::UnitZ();
   const GrazingLimits limits;
   SurfacePoints points;
-  const Eigen::Index n = ball.vertices.cols() / 4;
-  points.position.resize(3, n);
-  points.normal.resize(3, n);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    points.position.col(i) = ball.vertices.col(4 * i);
-    points.normal.col(i) = ball.normals.col(4 * i);
-  }
+  const Eigen::Index n = ball.vertices.cols();
+  points.position = ball.vertices;
+  points.normal = ball.normals;
   points.view = view.replicate(1, n);
   const BivariateGrid grid;
   CellsOfBall cells{{grid, {0}, {}}, {grid, {0}, {}}, {grid, {0}, {}}};
@@ -102,8 +98,12 @@ CellsOfBall cells_of_ball(double size, bool distant) {
   };
   std::vector<LightPosition> lights;
   for (int i = 0; i < 3; ++i) {
-    const double a = 0.3 + 2.1 * i, e = 0.2 + 0.4 * i;
-    const Eigen::Vector3d d(std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e));
+    // A half vector within a millionth of a vertex's normal: the narrowest cells are about it.
+    Eigen::Index vertex = 0;
+    (ball.normals.transpose() * Eigen::Vector3d(0.3 * i, 0.2 - 0.1 * i, 1)).maxCoeff(&vertex);
+    const Eigen::Vector3d half =
+        (ball.normals.col(vertex) + Eigen::Vector3d(1e-6, 0, 0)).normalized();
+    const Eigen::Vector3d d = 2 * half.dot(view) * half - view;
     lights.push_back({distant, distant ? d.normalized() : Eigen::Vector3d(3 * size * d)});
     std::vector<std::int32_t> reference, naive;
     for (Eigen::Index k = 0; k < n; ++k) {
