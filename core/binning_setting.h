@@ -23,14 +23,26 @@ struct BinningSetting {
   ShadowRays rays;
   PointColumns in_view;   ///< points within the camera's grazing limit
   NormalBundles bundles;  ///< of in_view, where the view is the same everywhere; else empty
-  PointColumns sample;    ///< some of in_view, spread over the normals; normals only
+  PointColumns sample;    ///< some of in_view, bundle after bundle; normals only
+  std::vector<std::int32_t> sample_of_bundle;  ///< (bundles + 1): ranges of the sample
   std::vector<double>
       horizon;                 ///< (sample) with shadow rays: a lit point above it is not in shadow
   bool one_view = false;       ///< every point is seen from one direction
   Eigen::Vector3d view;        ///< that direction
   int level = vector_level();  ///< of the processor
+  double sure_cosine = 2;      ///< no point with a greater n·l is in shadow (convex objects)
 
-  bool casts_rays() const { return rays != ShadowRays::none && !occluder.convex(); }
+  /// Whether a lit point may be in shadow, or every one is to be asked.
+  bool casts_rays() const {
+    return rays == ShadowRays::all ||
+           (rays == ShadowRays::needed && !(limits.min_cos_i >= sure_cosine));
+  }
+  /// Whether a lit point cannot be in shadow.
+  bool is_sure(const LightPosition& light, std::int32_t point) const {
+    if (sure_cosine > 1 || rays != ShadowRays::needed) return false;
+    const Eigen::Vector3d l = light.direction_from(points.position.col(point));
+    return points.normal.col(point).dot(l) > sure_cosine;
+  }
   bool has_statistics(std::int32_t cell) const {
     return valid.empty() || valid[static_cast<std::size_t>(cell)] != 0;
   }
@@ -66,6 +78,7 @@ struct BinningScratch {
   std::vector<std::int32_t> bundle;             ///< the first `bundles`: those to walk
   std::size_t bundles = 0;
   std::vector<double> chords;           ///< of the points looked at together
+  std::vector<double> sample_chords;    ///< of the sample
   std::vector<std::int32_t> hit;        ///< those of them within the rows looked for
   std::vector<std::uint8_t> open_rows;  ///< (rows + 8): 1 = has statistics and is looked for
   std::vector<std::uint8_t> shown;      ///< (rows + 8): 1 = a point was found

@@ -26,6 +26,7 @@ void cast_shadow_rays(const BinningSetting& setting, const LightPosition& light,
   scratch.blocked.assign(scratch.point.size(), 0);
   setting.occluder.blocked(scratch.position, scratch.normal, light, scratch.blocked);
   statistics.rays_cast += static_cast<std::int64_t>(scratch.point.size());
+  statistics.in_shadow += std::count(scratch.blocked.begin(), scratch.blocked.end(), 1);
 }
 
 /// Rounds of one ray per cell that has not shown an unblocked point yet, over scratch.lit.
@@ -38,7 +39,9 @@ void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& lig
   }
   scratch.open.clear();
   for (std::size_t c = 0; c < cells; ++c) {
-    if (scratch.start[c + 1] > 0) scratch.open.push_back(static_cast<std::int32_t>(c));
+    if (scratch.start[c + 1] > 0 && scratch.filled[c] == 0) {
+      scratch.open.push_back(static_cast<std::int32_t>(c));
+    }
     scratch.start[c + 1] += scratch.start[c];
   }
   scratch.sorted.resize(scratch.lit.size());
@@ -72,7 +75,7 @@ void fill_by_needed_rays(const BinningSetting& setting, const LightPosition& lig
 constexpr std::int32_t first_tries = 4;
 
 /// The cells of all points under one light, −1 where they show none, and up to `most` points of
-/// each cell in scratch.lit.
+/// each cell in scratch.lit, as long as no point shows that cell for sure.
 void find_lit(const BinningSetting& setting, const LightPosition& light, std::int32_t most,
               BinningScratch& scratch, BinningStatistics& statistics) {
   const PointColumns& points = setting.in_view;
@@ -104,7 +107,11 @@ void find_lit(const BinningSetting& setting, const LightPosition& light, std::in
       if (!setting.has_statistics(found)) continue;
       cell = found;
       std::int32_t& tried = scratch.tried[static_cast<std::size_t>(found)];
-      if (tried >= most) continue;
+      if (tried >= most || scratch.filled[static_cast<std::size_t>(found)] != 0) continue;
+      if (setting.is_sure(light, points.index[first + i])) {
+        scratch.filled[static_cast<std::size_t>(found)] = 1;
+        continue;
+      }
       ++tried;
       scratch.lit.push_back({points.index[first + i], found});
     }
@@ -169,6 +176,7 @@ void bin(const BinningSetting& setting, const LightPosition& light, BinningScrat
   scratch.filled.resize(static_cast<std::size_t>(one_column ? grid.n_h : grid.cells()), 0);
   const std::int64_t rays_before = statistics.rays_cast;
   const std::int64_t lit_before = statistics.points_tested;
+  const std::int64_t shadow_before = statistics.in_shadow;
   statistics.back_facing +=
       setting.points.size() - static_cast<Eigen::Index>(setting.in_view.size());
   const std::size_t before = out.size();
@@ -186,8 +194,8 @@ void bin(const BinningSetting& setting, const LightPosition& light, BinningScrat
   }
   const std::int64_t lit = statistics.points_tested - lit_before;
   const auto filled = static_cast<std::int64_t>(out.size() - before);
-  statistics.repeated += std::max<std::int64_t>(0, lit - filled);
-  statistics.rays_left_out += std::max<std::int64_t>(0, lit - (statistics.rays_cast - rays_before));
+  statistics.repeated += lit - filled - (statistics.in_shadow - shadow_before);
+  statistics.rays_left_out += lit - (statistics.rays_cast - rays_before);
 }
 
 void add_normal(PointColumns& to, const PointColumns& from, std::size_t i) {
@@ -197,25 +205,29 @@ void add_normal(PointColumns& to, const PointColumns& from, std::size_t i) {
   to.nz.push_back(from.nz[i]);
 }
 
-/// About `size` points, evenly over the order that they are in.
-PointColumns sample_of(const PointColumns& points, std::size_t size) {
-  PointColumns sample;
-  const std::size_t step = std::max<std::size_t>(1, points.size() / size);
-  for (std::size_t i = step / 2; i < points.size(); i += step) add_normal(sample, points, i);
-  sample.pad();
-  return sample;
+/// Every `step`-th point of the bundles, in their order.
+void sample_evenly(BinningSetting& setting, std::size_t step) {
+  setting.sample_of_bundle.assign(1, 0);
+  std::size_t next = step / 2;
+  for (std::size_t b = 0; b < setting.bundles.size(); ++b) {
+    for (; next < static_cast<std::size_t>(setting.bundles.first[b + 1]); next += step) {
+      add_normal(setting.sample, setting.in_view, next);
+    }
+    setting.sample_of_bundle.push_back(static_cast<std::int32_t>(setting.sample.size()));
+  }
+  setting.sample.pad();
 }
 
 /// The points of each bundle that lie furthest out along their normals: those that the object
 /// itself shades least.
-PointColumns outermost_of(const PointColumns& points, const NormalBundles& bundles,
-                          std::size_t of_each) {
-  PointColumns sample;
+void sample_outermost(BinningSetting& setting, std::size_t of_each) {
+  const PointColumns& points = setting.in_view;
+  setting.sample_of_bundle.assign(1, 0);
   std::vector<std::pair<double, std::size_t>> outwards;
-  for (std::size_t b = 0; b < bundles.size(); ++b) {
+  for (std::size_t b = 0; b < setting.bundles.size(); ++b) {
     outwards.clear();
-    const auto last = static_cast<std::size_t>(bundles.first[b + 1]);
-    for (auto i = static_cast<std::size_t>(bundles.first[b]); i < last; ++i) {
+    const auto last = static_cast<std::size_t>(setting.bundles.first[b + 1]);
+    for (auto i = static_cast<std::size_t>(setting.bundles.first[b]); i < last; ++i) {
       outwards.emplace_back(-(points.nx[i] * points.px[i] + points.ny[i] * points.py[i] +
                               points.nz[i] * points.pz[i]),
                             i);
@@ -223,15 +235,16 @@ PointColumns outermost_of(const PointColumns& points, const NormalBundles& bundl
     const std::size_t count = std::min(of_each, outwards.size());
     std::partial_sort(outwards.begin(), outwards.begin() + static_cast<std::ptrdiff_t>(count),
                       outwards.end());
-    for (std::size_t k = 0; k < count; ++k) add_normal(sample, points, outwards[k].second);
+    for (std::size_t k = 0; k < count; ++k) add_normal(setting.sample, points, outwards[k].second);
+    setting.sample_of_bundle.push_back(static_cast<std::int32_t>(setting.sample.size()));
   }
-  sample.pad();
-  return sample;
+  setting.sample.pad();
 }
 
 /// The horizon of each point of the sample.
 void find_horizons(BinningSetting& setting, int threads) {
-  setting.horizon.assign(setting.sample.size(), 0.0);
+  setting.horizon.assign(setting.sample.size(), setting.sure_cosine);
+  if (setting.occluder.convex()) return;
   parallel_ranges(static_cast<std::int64_t>(setting.sample.size()), 64, threads,
                   [&](std::int64_t first, std::int64_t last, int) {
                     for (auto i = static_cast<std::size_t>(first);
@@ -272,12 +285,12 @@ void gather_in_view(BinningSetting& setting) {
   for (std::size_t i = 0; i < out.size() && setting.one_view; ++i) {
     setting.one_view = out.vx[i] == out.vx[0] && out.vy[i] == out.vy[0] && out.vz[i] == out.vz[0];
   }
-  if (setting.one_view) {
+  if (setting.one_view && setting.rays != ShadowRays::all) {
     setting.bundles = bundle_normals(out, 32);
     if (setting.casts_rays()) {
-      setting.sample = outermost_of(out, setting.bundles, 2);
+      sample_outermost(setting, 2);
     } else {
-      setting.sample = sample_of(out, 768);
+      sample_evenly(setting, std::max<std::size_t>(1, out.size() / 768));
     }
   }
   out.pad();
@@ -290,6 +303,7 @@ void BinningStatistics::add(const BinningStatistics& part) {
   back_facing += part.back_facing;
   no_half_vector += part.no_half_vector;
   repeated += part.repeated;
+  in_shadow += part.in_shadow;
   passed_over += part.passed_over;
   rays_cast += part.rays_cast;
   rays_left_out += part.rays_left_out;
@@ -313,10 +327,16 @@ BinningResult bin_candidates(const SurfacePoints& points, std::span<const LightP
                          .in_view = {},
                          .bundles = {},
                          .sample = {},
+                         .sample_of_bundle = {},
                          .horizon = {},
-                         .view = Eigen::Vector3d::UnitZ()};
+                         .view = Eigen::Vector3d::UnitZ(),
+                         .sure_cosine = occluder.sure_cosine(!points.from_pixels)};
   gather_in_view(setting);
-  if (setting.one_view && setting.casts_rays()) find_horizons(setting, threads);
+  // Only a distant light looks at horizons, and the plain reference at nothing of the kind.
+  if (setting.sample.size() > 0 && setting.casts_rays() &&
+      std::ranges::any_of(candidates, [](const LightPosition& l) { return l.distant; })) {
+    find_horizons(setting, threads);
+  }
   // Each worker appends to its own list; who did which candidate is written down.
   struct Part {
     std::size_t worker = 0, from = 0, count = 0;
@@ -350,7 +370,7 @@ BinningResult bin_candidates(const SurfacePoints& points, std::span<const LightP
                 result.bins.cell.data() + result.bins.offset[i]);
   }
   for (const BinningStatistics& of_one : statistics) result.statistics.add(of_one);
-  result.statistics.convex = occluder.convex();
+  result.statistics.convex = occluder.convex() && !setting.casts_rays();
   return result;
 }
 

@@ -38,19 +38,23 @@ enum class ShadowRays : std::uint8_t {
   all,     ///< one per lit point: the plain reference
 };
 
-/// What binning left out, and did.
+/// What binning left out, and did: each pair of a candidate and a point is counted once, as tested,
+/// back-facing, without half vector or passed over. Of those tested, each has its shadow ray cast
+/// or left out; each filled a cell, was found in shadow, or is a repeated one.
 struct BinningStatistics {
   std::int64_t points_tested =
       0;                         ///< candidate × point pairs that face the light within the limits
   std::int64_t back_facing = 0;  ///< pairs dropped: n·l ≤ 0, beyond the grazing limits or the
                                  ///< lamp's lobe
   std::int64_t no_half_vector = 0;  ///< pairs with l = −v
-  std::int64_t repeated = 0;        ///< pairs that fell in a cell the same light had already filled
+  std::int64_t repeated = 0;     ///< tested pairs that no cell needed: it was filled by another, or
+                                 ///< has no statistics
+  std::int64_t in_shadow = 0;    ///< tested pairs whose ray was blocked
   std::int64_t passed_over = 0;  ///< pairs never looked at: their whole bundle of normals is unlit
                                  ///< or shows nothing new (distant lamp and view)
   std::int64_t rays_cast = 0;
   std::int64_t rays_left_out = 0;  ///< pairs that needed no shadow ray
-  bool convex = false;             ///< the object was found convex: no ray at all
+  bool convex = false;             ///< the object was found convex and no ray needed at all
 
   /// Adds another's counts.
   void add(const BinningStatistics& part);

@@ -130,8 +130,8 @@ constexpr double dark = 8;
   scratch.bundles = found;
 }
 
-/// Calls visit(first, count, from, to) for the points of bundles that may show a row of from … to
-/// that is open and not shown yet.
+/// Calls visit(bundle, first, count, from, to) for the points of bundles that may show a row of
+/// from … to that is open and not shown yet.
 template <class Visit>
 [[gnu::always_inline]] inline void visit_bundles(const BinningSetting& setting,
                                                  const BinningScratch& scratch,
@@ -142,8 +142,24 @@ template <class Visit>
     const int to = setting.lookup.row(scratch.greatest[b]);
     if (!any_open(scratch, from, to)) continue;
     const auto first = static_cast<std::size_t>(setting.bundles.first[b]);
-    visit(first, static_cast<std::size_t>(setting.bundles.first[b + 1]) - first, from, to);
+    visit(b, first, static_cast<std::size_t>(setting.bundles.first[b + 1]) - first, from, to);
   }
+}
+
+/// Points of the sample, and those of them whose chord is not `dark`: what was looked at before the
+/// bundle that it is of.
+struct Sampled {
+  std::int64_t all = 0, lit = 0;
+};
+[[gnu::always_inline]] inline Sampled sampled(const BinningSetting& setting,
+                                              const BinningScratch& scratch, std::size_t bundle) {
+  Sampled of_bundle;
+  const auto last = static_cast<std::size_t>(setting.sample_of_bundle[bundle + 1]);
+  for (auto i = static_cast<std::size_t>(setting.sample_of_bundle[bundle]); i < last; ++i) {
+    ++of_bundle.all;
+    of_bundle.lit += scratch.sample_chords[i] < dark ? 1 : 0;
+  }
+  return of_bundle;
 }
 
 /// Marks the rows that lit points show: a sample of the points first, then the bundles that may
@@ -152,21 +168,24 @@ template <class Visit>
                                                      const View& view, BinningScratch& scratch,
                                                      BinningStatistics& statistics) {
   std::int64_t walked = 0, lit = 0;
-  double* chord2 = scratch.chords.data();
-  const auto look_at = [&](const PointColumns& points, std::size_t first, std::size_t count)
-      __attribute__((always_inline)) {
+  const auto look_at = [&](const PointColumns& points, std::size_t first, std::size_t count,
+                           double* chord2) __attribute__((always_inline)) {
     chords_of_lit(points, first, count, view, chord2);
     lit += mark({chord2, count}, setting.lookup, scratch.shown.data());
     walked += static_cast<std::int64_t>(count);
   };
-  look_at(setting.sample, 0, setting.sample.size());
+  look_at(setting.sample, 0, setting.sample.size(), scratch.sample_chords.data());
   find_intervals(setting, scratch);
   find_bundles(setting, view, scratch);
   visit_bundles(
-      setting,
-      scratch, [&](std::size_t first, std::size_t count, int, int) __attribute__((always_inline)) {
-        look_at(setting.in_view, first, count);
-      });
+      setting, scratch,
+      [&](std::size_t bundle, std::size_t first, std::size_t count, int, int)
+          __attribute__((always_inline)) {
+            look_at(setting.in_view, first, count, scratch.chords.data());
+            const Sampled again = sampled(setting, scratch, bundle);
+            walked -= again.all;
+            lit -= again.lit;
+          });
   statistics.points_tested += lit;
   statistics.back_facing += walked - lit;
   return walked;
@@ -184,13 +203,16 @@ template <class Visit>
     const auto r = static_cast<std::size_t>(row);
     return scratch.open_rows[r] != 0 && scratch.shown[r] == 0;
   };
-  const auto cast = [&](std::size_t first, std::size_t count, int from, int to)
+  const auto cast = [&](std::size_t bundle, std::size_t first, std::size_t count, int from, int to)
       __attribute__((always_inline)) {
     while (!open(from)) ++from;
     while (!open(to)) --to;
     const double low = setting.lookup.row_begin(from), high = setting.lookup.row_begin(to + 1);
     chords_of_lit(setting.in_view, first, count, view, chord2);
-    walked += static_cast<std::int64_t>(count);
+    // Points that were sure count already.
+    const std::int64_t sure = sampled(setting, scratch, bundle).lit;
+    walked += static_cast<std::int64_t>(count) - sure;
+    lit -= sure;
     for (std::size_t i = 0; i < count; ++i) lit += chord2[i] < dark ? 1 : 0;
     // Most bundles show no open row after all, which a count without branches tells; in the others
     // nothing foretells which points do.
@@ -211,11 +233,15 @@ template <class Visit>
       const auto i = static_cast<std::size_t>(hit[k]);
       const int row = setting.lookup.row(chord2[i]);
       if (!open(row)) continue;
+      std::uint8_t& shown = scratch.shown[static_cast<std::size_t>(row)];
+      shown = setting.is_sure(light, setting.in_view.index[first + i]) ? 1 : 0;
+      if (shown != 0) continue;
       ++statistics.rays_cast;
-      if (!setting.occluder.blocked(setting.in_view.position(first + i),
-                                    setting.in_view.normal(first + i), light)) {
-        scratch.shown[static_cast<std::size_t>(row)] = 1;
-      }
+      shown = setting.occluder.blocked(setting.in_view.position(first + i),
+                                       setting.in_view.normal(first + i), light)
+                  ? 0
+                  : 1;
+      statistics.in_shadow += shown == 0 ? 1 : 0;
     }
   };
   find_bundles(setting, view, scratch);
@@ -229,7 +255,7 @@ template <class Visit>
 [[gnu::always_inline]] inline std::int64_t mark_sure_body(const BinningSetting& setting,
                                                           const View& view, BinningScratch& scratch,
                                                           BinningStatistics& statistics) {
-  double* chord2 = scratch.chords.data();
+  double* chord2 = scratch.sample_chords.data();
   const std::size_t count = setting.sample.size();
   chords_of_sure(setting, view, chord2);
   // Most points are unlit or below their horizon: those that are not are told apart first.
@@ -299,6 +325,7 @@ void prepare(const BinningSetting& setting, BinningScratch& scratch) {
         most, static_cast<std::size_t>(setting.bundles.first[b + 1] - setting.bundles.first[b]));
   }
   scratch.chords.resize(most);
+  scratch.sample_chords.resize(setting.sample.size());
   scratch.hit.resize(most + 1);
 }
 
@@ -337,7 +364,7 @@ int fill_one_column(const BinningSetting& setting, const LightPosition& light,
     walked = mark_rows(setting, view, scratch, statistics);
   }
   take_shown(rows, scratch);
-  statistics.passed_over += std::max<std::int64_t>(0, in_view - walked);
+  statistics.passed_over += in_view - walked;
   return column;
 }
 

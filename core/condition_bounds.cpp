@@ -4,7 +4,6 @@
 #include <limits>
 
 #include "core/condition_chooser.h"
-#include "core/parallel.h"
 #include "core/row_factor.h"
 
 namespace lightrig {
@@ -18,7 +17,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 /// |Rx|² and |Ry|², and the energies of the group's cells.
 void ConditionChooser::measure(int g) {
   Group& group = group_at(g);
-  const FactorEnergies taken = energies_of_factor(R_, group.pair.x, group.pair.y, level_);
+  const TakenRows::Energies taken = taken_.energies(group.pair.x, group.pair.y);
   group.low = taken.of_x;
   group.high = taken.of_y;
   cell_energies(groups_.rows(), groups_.cells_of_group(g), group.pair.x, group.pair.y, group.of_x,
@@ -38,7 +37,7 @@ void ConditionChooser::list_unseen(int g) {
 /// of squares.
 void ConditionChooser::gather_information(int g, int candidate) {
   const std::span<const std::int32_t> own = groups_.fresh(candidate);
-  std::copy(gram_.begin(), gram_.end(), work_.A.begin());
+  std::copy(taken_.gram().begin(), taken_.gram().end(), work_.A.begin());
   for (const std::int32_t cell : own) own_[static_cast<std::size_t>(cell)] = 1;
   list_unseen(g);
   std::erase_if(cells_,
@@ -59,8 +58,9 @@ void ConditionChooser::refine(int g, int candidate, int iterations) {
   gather_information(g, candidate);
   const double top = refine_greatest(pair.y, k_, stride_, iterations, work_, level_);
   if (!refine_least(pair.x, top, k_, stride_, iterations, work_, level_)) {
-    extend_factor(R_, groups_.rows(), groups_.fresh(candidate), factor_, scratch_, level_);
-    if (factor_.data.size() >= gram_.size()) {
+    extend_factor(taken_.factor(), groups_.rows(), groups_.fresh(candidate), factor_, scratch_,
+                  level_);
+    if (factor_.data.size() >= work_.A.size()) {
       refine_least_by_factor(pair.x, factor_.data, k_, stride_, work_, level_);
     }
   }
@@ -71,11 +71,11 @@ void ConditionChooser::refine(int g, int candidate, int iterations) {
 void ConditionChooser::refine_group(int g) {
   ExtremePair& pair = group_at(g).pair;
   list_unseen(g);
-  std::copy(gram_.begin(), gram_.end(), work_.A.begin());
+  std::copy(taken_.gram().begin(), taken_.gram().end(), work_.A.begin());
   add_gram(groups_.rows(), cells_, work_.A, level_);
   refine_greatest(pair.y, k_, stride_, thorough_iterations, work_, level_);
-  extend_factor(R_, groups_.rows(), cells_, factor_, scratch_, level_);
-  if (factor_.data.size() < gram_.size()) return;
+  extend_factor(taken_.factor(), groups_.rows(), cells_, factor_, scratch_, level_);
+  if (factor_.data.size() < work_.A.size()) return;
   refine_least_by_factor(pair.x, factor_.data, k_, stride_, work_, level_);
 }
 
@@ -154,12 +154,7 @@ void ConditionChooser::open_group(int g, std::span<const int> members) {
 }
 
 void ConditionChooser::open_groups(const CandidateGroups::Distinct& distinct) {
-  extremes_.look(gram_);
-  parallel_ranges(groups_.groups(), 4, threads_, [&](std::int64_t first, std::int64_t last, int) {
-    for (int g = static_cast<int>(first); g < static_cast<int>(last); ++g) {
-      open_group(g, distinct.of_group(g));
-    }
-  });
+  extremes_.look(taken_.gram(), [&](int g) { open_group(g, distinct.of_group(g)); });
   for (int g = 0; g < groups_.groups(); ++g) {
     const std::span<const int> members = distinct.of_group(g);
     if (members.empty() || extremes_.of(g).known) continue;

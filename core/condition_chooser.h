@@ -11,6 +11,7 @@
 #include "core/group_extremes.h"
 #include "core/planner_chooser.h"
 #include "core/planner_kernels.h"
+#include "core/taken_rows.h"
 
 namespace lightrig {
 
@@ -23,8 +24,10 @@ namespace lightrig {
 /// candidates shares a pair: the extreme vectors of all that the group would add; where candidates
 /// lack few of its cells, only these are looked at. The candidate of least bound is refined (its
 /// own extreme vectors become the group's pair) and, when its refined bound is still the least,
-/// decided by the singular values of [R; rows]. The refined bounds are sums of squares without
-/// cancellation: they hold for matrices of any condition.
+/// decided: by the eigenvalues of A + B where these tell κ², else by the singular values of
+/// [R; rows]. So do refined bounds: where A is well conditioned they may be quadratic forms of it,
+/// with room for what cancels; else they are sums of squares and hold for matrices of any
+/// condition.
 class ConditionChooser final : public LightChooser {
  public:
   ConditionChooser(const BrdfBasis& basis, const CandidateBins& bins,
@@ -33,7 +36,7 @@ class ConditionChooser final : public LightChooser {
   Standing best(const std::vector<std::uint8_t>& open) override;
   void stand_on(const Eigen::MatrixXd& rows) override;
   void take(std::span<const int> candidates) override;
-  Standing standing() const override;
+  Standing standing() override;
   Eigen::MatrixXd information() const override;
   void restart() override;
   const std::vector<std::uint8_t>& seen() const override { return groups_.seen(); }
@@ -57,8 +60,9 @@ class ConditionChooser final : public LightChooser {
   };
   /// What is known of a candidate that was decided, kept until one is taken.
   struct Decision {
-    int candidate = -1, rank = 0;
-    PackedRows R;
+    int candidate = -1;
+    Conditioning found;
+    PackedRows R;  ///< empty where the Gram matrix told enough
   };
 
   void open_groups(const CandidateGroups::Distinct& distinct);
@@ -74,8 +78,7 @@ class ConditionChooser final : public LightChooser {
   void decide_deficient(const std::vector<int>& active, std::vector<Standing>& standings);
   void list_unseen(int group);
   Eigen::Index rows_with(std::size_t cells) const {
-    return had_rows_ +
-           (groups_.seen_cells() + static_cast<Eigen::Index>(cells)) * groups_.rows().per_cell;
+    return taken_.count() + static_cast<Eigen::Index>(cells) * groups_.rows().per_cell;
   }
   Stage& stage_of(int candidate) { return stage_[static_cast<std::size_t>(candidate)]; }
   Group& group_at(int g) { return group_[static_cast<std::size_t>(g)]; }
@@ -84,8 +87,7 @@ class ConditionChooser final : public LightChooser {
   CandidateGroups groups_;
   int k_, stride_, level_, threads_;
   GroupExtremes extremes_;
-  PackedRows R_;              ///< QR factor of the rows taken, one row per "cell"
-  std::vector<double> gram_;  ///< RᵀR, upper triangle, for vectors and bounds of groups
+  TakenRows taken_;
   std::vector<Group> group_;
   PairWork work_;
   std::vector<std::int32_t> cells_;  ///< of what is looked at
@@ -97,8 +99,8 @@ class ConditionChooser final : public LightChooser {
   std::vector<double> bound_;  ///< (candidates) lower bound of κ²
   std::vector<Stage> stage_;
   std::vector<Decision> decisions_;
-  Eigen::Index had_rows_ = 0;  ///< stood on from the start
-  int rank_ = 0;               ///< of the rows taken, −1: not known
+  int rank_ = 0;        ///< of the rows taken, −1: not known
+  bool plain_ = false;  ///< their Gram matrix is known to tell κ²
   SelectionStatistics statistics_;
 };
 

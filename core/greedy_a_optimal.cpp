@@ -71,7 +71,7 @@ class AOptimalChooser final : public LightChooser {
   Standing best(const std::vector<std::uint8_t>& open) override;
   void stand_on(const Eigen::MatrixXd& rows) override;
   void take(std::span<const int> candidates) override;
-  Standing standing() const override;
+  Standing standing() override;
   Eigen::MatrixXd information() const override {
     return Eigen::Map<const Eigen::MatrixXd>(gram_.data(), groups_.rows().stride, groups_.rows().k)
         .topRows(groups_.rows().k);
@@ -116,7 +116,7 @@ class AOptimalChooser final : public LightChooser {
   SelectionStatistics statistics_;
 };
 
-Standing AOptimalChooser::standing() const {
+Standing AOptimalChooser::standing() {
   if (groups_.seen_cells() == 0 && !stands_on_rows_) return {};
   const PackedRows& rows = groups_.rows();
   std::vector<double> A = gram_, inverse(gram_.size());

@@ -17,10 +17,8 @@ ConditionChooser::ConditionChooser(const BrdfBasis& basis, const CandidateBins& 
       level_(vector_level()),
       threads_(std::max(1, options.threads)),
       extremes_(groups_, threads_, level_),
+      taken_(groups_.rows(), level_),
       work_(k_, stride_) {
-  R_.k = k_;
-  R_.stride = stride_;
-  gram_.assign(work_.A.size(), 0.0);
   const auto n = static_cast<std::size_t>(groups_.candidates());
   for (std::vector<double>* of_candidate : {&low_, &high_, &bound_}) {
     of_candidate->assign(n, 0.0);
@@ -40,31 +38,23 @@ ConditionChooser::ConditionChooser(const BrdfBasis& basis, const CandidateBins& 
 Standing ConditionChooser::decide(int candidate) {
   ++statistics_.exact_evaluations;
   const std::span<const std::int32_t> cells = groups_.fresh(candidate);
-  PackedRows R;
-  extend_factor(R_, groups_.rows(), cells, R, scratch_, level_);
-  const Conditioning found = conditioning_of_factor(R, rows_with(cells.size()));
-  decisions_.push_back({candidate, found.rank, std::move(R)});
+  std::copy(taken_.gram().begin(), taken_.gram().end(), work_.A.begin());
+  add_gram(groups_.rows(), cells, work_.A, level_);
+  if (const auto plain = conditioning_of_gram(work_.A, k_, stride_)) {
+    decisions_.push_back({candidate, *plain, {}});
+  } else {
+    PackedRows R;
+    extend_factor(taken_.factor(), groups_.rows(), cells, R, scratch_, level_);
+    const Conditioning found = conditioning_of_factor(R, rows_with(cells.size()));
+    decisions_.push_back({candidate, found, std::move(R)});
+  }
+  const Conditioning& found = decisions_.back().found;
   return {candidate, found.rank, found.pseudo_condition};
 }
 
 void ConditionChooser::stand_on(const Eigen::MatrixXd& rows) {
   if (rows.rows() == 0) return;
-  PackedRows had;
-  had.k = k_;
-  had.stride = stride_;
-  had.data.resize(static_cast<std::size_t>(rows.rows()) * static_cast<std::size_t>(stride_));
-  std::fill(had.data.begin(), had.data.end(), 0.0);
-  std::vector<std::int32_t> all(static_cast<std::size_t>(rows.rows()));
-  for (Eigen::Index r = 0; r < rows.rows(); ++r) {
-    all[static_cast<std::size_t>(r)] = static_cast<std::int32_t>(r);
-    for (int j = 0; j < k_; ++j) {
-      had.data[static_cast<std::size_t>(r * stride_ + j)] = rows(r, j);
-    }
-  }
-  extend_factor(R_, had, all, factor_, scratch_, level_);
-  std::swap(R_, factor_);
-  add_gram(had, all, gram_, level_);
-  had_rows_ = rows.rows();
+  taken_.stand_on(rows);
   rank_ = -1;
 }
 
@@ -74,39 +64,45 @@ void ConditionChooser::take(std::span<const int> candidates) {
   });
   const std::span<const std::int32_t> added = groups_.take(candidates);
   if (known != decisions_.end()) {
-    R_ = std::move(known->R);
-    rank_ = known->rank;
+    rank_ = known->found.rank;
+    plain_ = known->R.data.empty();
+    if (plain_) {
+      taken_.take(added);
+    } else {
+      taken_.take(added, std::move(known->R));
+    }
   } else if (!added.empty()) {  // lights captured already: nobody chose them here
-    extend_factor(R_, groups_.rows(), added, factor_, scratch_, level_);
-    std::swap(R_, factor_);
+    taken_.take(added);
     rank_ = -1;
+    plain_ = false;
   }
   decisions_.clear();
-  add_gram(groups_.rows(), added, gram_, level_);
   extremes_.take(added);
 }
 
 void ConditionChooser::restart() {
   groups_.restart();
   extremes_.restart();
-  R_.data.clear();
-  had_rows_ = 0;
+  taken_.clear();
   rank_ = 0;
+  plain_ = false;
   decisions_.clear();
-  std::fill(gram_.begin(), gram_.end(), 0.0);
   statistics_ = {};
 }
 
 Eigen::MatrixXd ConditionChooser::information() const {
-  const Eigen::Map<const Eigen::MatrixXd> gram(gram_.data(), stride_, k_);
+  const Eigen::Map<const Eigen::MatrixXd> gram(taken_.gram().data(), stride_, k_);
   Eigen::MatrixXd A = scale_.asDiagonal() * gram.topRows(k_) * scale_.asDiagonal();
   A.diagonal().array() += 1;
   return A;
 }
 
-Standing ConditionChooser::standing() const {
-  if (groups_.seen_cells() == 0 && had_rows_ == 0) return {};
-  const Conditioning found = conditioning_of_factor(R_, rows_with(0));
+Standing ConditionChooser::standing() {
+  if (taken_.count() == 0) return {};
+  const auto plain = conditioning_of_gram(taken_.gram(), k_, stride_);
+  plain_ = plain.has_value();
+  const Conditioning found = plain ? *plain : conditioning_of_factor(taken_.factor(), rows_with(0));
+  rank_ = found.rank;
   return {-1, found.rank, found.pseudo_condition};
 }
 
@@ -144,6 +140,7 @@ bool ConditionChooser::beyond_full_rank(const Group& group, std::span<const int>
 }
 
 Standing ConditionChooser::best(const std::vector<std::uint8_t>& open) {
+  if (!plain_) taken_.factor();  // bounds need sums of squares
   const CandidateGroups::Distinct& distinct = groups_.distinct(open);
   statistics_.identical_candidates += distinct.identical;
   statistics_.empty_candidates += distinct.empty;

@@ -137,13 +137,13 @@ void GroupExtremes::restart() {
   originals_.clear();
 }
 
-void GroupExtremes::look(std::span<const double> taken) {
+void GroupExtremes::look(std::span<const double> taken, const std::function<void(int)>& then) {
   lower_of(taken, k_, stride_, taken_.data(), 1, false);
-  parallel_ranges(static_cast<std::int64_t>(batches()), 2, threads_,
+  parallel_ranges(groups_.groups(), batch_size, threads_,
                   [&](std::int64_t first, std::int64_t last, int worker) {
-                    for (std::int64_t b = first; b < last; ++b) {
-                      look_at(static_cast<std::size_t>(b), work_[static_cast<std::size_t>(worker)]);
-                    }
+                    look_at(static_cast<std::size_t>(first) / batch_size,
+                            work_[static_cast<std::size_t>(worker)]);
+                    for (int g = static_cast<int>(first); g < static_cast<int>(last); ++g) then(g);
                   });
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -23,8 +24,10 @@ class GroupExtremes {
   /// After groups.restart().
   void restart();
 
-  /// Iterates every group's vectors with A = `taken`, an upper triangle (k × stride).
-  void look(std::span<const double> taken);
+  /// Iterates every group's vectors with A = `taken`, an upper triangle (k × stride), and calls
+  /// then(group) for each where its vectors are, on whichever thread: to start threads once costs
+  /// less than twice.
+  void look(std::span<const double> taken, const std::function<void(int)>& then);
 
   /// What the last look found of a group. Where `known` is false its matrix is not safely positive
   /// definite, and neither vectors nor bound mean anything.

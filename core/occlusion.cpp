@@ -4,15 +4,12 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <map>
-#include <numeric>
-#include <utility>
 #include <vector>
 
 #include "core/check.h"
+#include "core/convexity.h"
 #include "core/horizon.h"
 
 namespace lightrig {
@@ -85,69 +82,6 @@ RTCRay embree_ray(const UnitRay& ray) {
           0U};
 }
 
-/// Whether the mesh bounds one convex body: every edge is shared by exactly two triangles that run
-/// along it in opposite directions, no edge is concave, and the Euler characteristic is that of a
-/// sphere. (A closed surface that is locally convex everywhere and a topological sphere is the
-/// boundary of a convex body [van Heijenoort 1952].)
-bool is_closed_and_convex(const Mesh& mesh, double radius) {
-  const Eigen::Index triangles = mesh.triangles.cols();
-  if (triangles < 4) return false;
-  const double slack = 1e-9 * radius;
-  // A few faces against all vertices tell most concave objects at once.
-  for (Eigen::Index t = 0; t < triangles; t += std::max<Eigen::Index>(1, triangles / 8)) {
-    const Eigen::Vector3d a = mesh.vertices.col(mesh.triangles(0, t));
-    const Eigen::Vector3d b = mesh.vertices.col(mesh.triangles(1, t));
-    const Eigen::Vector3d c = mesh.vertices.col(mesh.triangles(2, t));
-    const Eigen::RowVector3d normal = (b - a).cross(c - a).normalized().transpose();
-    if ((normal * mesh.vertices).maxCoeff() > normal.dot(a) + 1e-6 * radius) return false;
-  }
-  struct EdgeUse {
-    int forward = 0, backward = 0;
-    std::array<int, 2> opposite{-1, -1};
-    int triangle = -1;
-  };
-  // Corners that coincide are one corner: a cube with a normal per face is closed all the same.
-  std::map<std::array<double, 3>, int> corner_at;
-  std::vector<int> corner(static_cast<std::size_t>(mesh.vertices.cols()));
-  for (Eigen::Index v = 0; v < mesh.vertices.cols(); ++v) {
-    const Eigen::Vector3d p = mesh.vertices.col(v);
-    const auto found = corner_at.try_emplace({p.x(), p.y(), p.z()}, static_cast<int>(v)).first;
-    corner[static_cast<std::size_t>(v)] = found->second;
-  }
-  std::map<std::pair<int, int>, EdgeUse> edges;
-  for (Eigen::Index t = 0; t < triangles; ++t) {
-    for (int k = 0; k < 3; ++k) {
-      const int a = corner[static_cast<std::size_t>(mesh.triangles(k, t))];
-      const int b = corner[static_cast<std::size_t>(mesh.triangles((k + 1) % 3, t))];
-      const int c = corner[static_cast<std::size_t>(mesh.triangles((k + 2) % 3, t))];
-      EdgeUse& use = edges[std::minmax(a, b)];
-      int& count = a < b ? use.forward : use.backward;
-      ++count;
-      use.opposite[a < b ? 0 : 1] = c;
-      if (a < b) use.triangle = static_cast<int>(t);
-    }
-  }
-  for (const auto& [ends, use] : edges) {
-    if (use.forward != 1 || use.backward != 1) return false;
-    const Eigen::Vector3d a = mesh.vertices.col(mesh.triangles(0, use.triangle));
-    const Eigen::Vector3d b = mesh.vertices.col(mesh.triangles(1, use.triangle));
-    const Eigen::Vector3d c = mesh.vertices.col(mesh.triangles(2, use.triangle));
-    const Eigen::Vector3d normal = (b - a).cross(c - a).normalized();
-    const Eigen::Vector3d across = mesh.vertices.col(use.opposite[1]);
-    if (!(normal.dot(across - a) <= slack)) return false;
-  }
-  // Convex at every edge still allows several pieces and a surface wound twice about its inside: a
-  // sphere has Euler characteristic 2, and both of those do not.
-  std::vector<int> used(corner.size(), 0);
-  for (Eigen::Index t = 0; t < triangles; ++t) {
-    for (int k = 0; k < 3; ++k) {
-      used[static_cast<std::size_t>(corner[static_cast<std::size_t>(mesh.triangles(k, t))])] = 1;
-    }
-  }
-  const auto corners = std::accumulate(used.begin(), used.end(), Eigen::Index{0});
-  return corners - static_cast<Eigen::Index>(edges.size()) + triangles == 2;
-}
-
 /// Barycentric coordinates (u, v) of where a ray meets a triangle's plane and the distance to it,
 /// in double precision, kept inside the triangle.
 Hit refined_hit(const Mesh& mesh, int triangle, const Ray& ray, double fallback_distance) {
@@ -174,6 +108,7 @@ struct Occluder::Scene {
   Mesh mesh;
   Frame frame;
   bool convex = false;
+  NormalTilt tilt;  ///< where convex
   HorizonTree horizon;
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
@@ -206,7 +141,9 @@ Occluder::Occluder(const Mesh& mesh) : scene_(std::make_unique<Scene>()) {
   scene_->mesh = mesh;
   scene_->frame = bounding_frame(mesh);
   scene_->convex = is_closed_and_convex(mesh, scene_->frame.radius);
-  if (!scene_->convex) {
+  if (scene_->convex) {
+    scene_->tilt = tilt_of_normals(mesh);
+  } else {
     const Eigen::Matrix3Xd unit =
         (mesh.vertices.colwise() - scene_->frame.centre) / scene_->frame.radius;
     scene_->horizon = HorizonTree(unit, mesh.triangles);
@@ -285,10 +222,20 @@ void Occluder::blocked(std::span<const Eigen::Vector3d> points,
 }
 
 double Occluder::horizon(const Eigen::Vector3d& point, const Eigen::Vector3d& normal) const {
-  if (scene_->convex) return 0;
+  if (scene_->convex) return sure_cosine(false);
   const Eigen::Vector3d start = scene_->frame.to_unit(point) + offset_in_radii * normal;
-  // Embree's single precision moves what is as near as the start's own offset by 6e-4 of its slope.
-  return 1.002 * scene_->horizon.sine(start, normal) + 1e-5;
+  // Embree's single precision moves what is as near as the start's own offset by 6e-4 of its slope,
+  // and the start itself by 1e-7.
+  return 1.002 * scene_->horizon.sine(start - 1e-6 * normal, normal) + 1e-5;
+}
+
+double Occluder::sure_cosine(bool at_vertices) const {
+  constexpr double never = 2;
+  if (!scene_->convex) return never;
+  const double tilt = at_vertices ? scene_->tilt.at_vertices : scene_->tilt.on_faces;
+  // A start that is hardly above its face may be below it in single precision.
+  if (tilt > 0.99) return never;
+  return tilt > 0 ? 1.0001 * tilt + 1e-6 : 0.0;
 }
 
 bool Occluder::convex() const { return scene_->convex; }

@@ -46,8 +46,15 @@ class Occluder {
   /// and more where no direction is sure.
   double horizon(const Eigen::Vector3d& point, const Eigen::Vector3d& normal) const;
 
-  /// True when the mesh is closed and convex, so that no lit, camera-facing point can be in shadow.
+  /// True when the mesh is closed and convex: what it stands for shades nothing of itself. Its flat
+  /// faces may, where a blended normal faces a lamp that the face is turned away from.
   bool convex() const;
+
+  /// The same for all points whose normals are the mesh's: where n·l is greater, blocked() is false
+  /// without asking. With `at_vertices` for the vertices alone, with their own normals; else for
+  /// all points, with normals blended of a face's corners. 0 where no normal leans further than the
+  /// body allows; above 1 where nothing is sure or the mesh not convex.
+  double sure_cosine(bool at_vertices) const;
 
  private:
   struct Scene;

@@ -30,7 +30,7 @@ class LightChooser {
   virtual void take(std::span<const int> candidates) = 0;
 
   /// How the lights taken stand together; candidate −1, rank 0 where none shows a cell.
-  virtual Standing standing() const = 0;
+  virtual Standing standing() = 0;
 
   /// MAP's information of the rows taken, I + WᵀW with W = G diag(s)/σ; (k × k), of which the lower
   /// triangle counts.

@@ -32,7 +32,7 @@ class PlainChooser final : public LightChooser {
     }
   }
   void stand_on(const Eigen::MatrixXd& rows) override { had_ = rows; }
-  Standing standing() const override { return standing_of(seen_, -1); }
+  Standing standing() override { return standing_of(seen_, -1); }
   Eigen::MatrixXd information() const override {
     const Eigen::MatrixXd W = rows_of(seen_) * (basis_.stddev / options_.sigma).asDiagonal();
     return Eigen::MatrixXd::Identity(W.cols(), W.cols()) + W.transpose() * W;

@@ -8,8 +8,19 @@ namespace lightrig {
 
 namespace {
 
-/// κ² up to which the eigenvalues of RᵀR tell it to about 1e-12: their error is a few ε·κ².
+/// κ² up to which the eigenvalues of a Gram matrix tell it to about 1e-12: their error is a few
+/// ε·κ².
 constexpr double plain_condition = 1e4;
+
+/// The same of a whole matrix, of which the lower triangle counts.
+std::optional<Conditioning> conditioning_of_matrix(const Eigen::MatrixXd& gram) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram, Eigen::EigenvaluesOnly);
+  const Eigen::Index k = gram.rows();
+  const double least = eigen.eigenvalues()[0], greatest = eigen.eigenvalues()[k - 1];
+  if (eigen.info() != Eigen::Success || !(least > 0)) return std::nullopt;
+  if (!(least * plain_condition >= greatest)) return std::nullopt;
+  return Conditioning{greatest / least, greatest / least, static_cast<int>(k)};
+}
 
 }  // namespace
 
@@ -38,18 +49,18 @@ void extend_factor(const PackedRows& R, const PackedRows& rows, std::span<const 
   out.per_cell = count;
 }
 
+std::optional<Conditioning> conditioning_of_gram(std::span<const double> gram, int k, int stride) {
+  return conditioning_of_matrix(
+      Eigen::Map<const Eigen::MatrixXd>(gram.data(), stride, k).topRows(k));
+}
+
 Conditioning conditioning_of_factor(const PackedRows& R, Eigen::Index rows) {
   const Eigen::Index k = R.k;
   const Eigen::Index count = static_cast<Eigen::Index>(R.data.size()) / R.stride;
   const Eigen::Map<const Eigen::MatrixXd> transposed(R.data.data(), R.stride, count);
   const Eigen::MatrixXd square = transposed.topRows(k).transpose();
   if (count == k) {
-    const Eigen::MatrixXd gram = square.transpose() * square;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram, Eigen::EigenvaluesOnly);
-    const double least = eigen.eigenvalues()[0], greatest = eigen.eigenvalues()[k - 1];
-    if (eigen.info() == Eigen::Success && least > 0 && least * plain_condition >= greatest) {
-      return {greatest / least, greatest / least, static_cast<int>(k)};
-    }
+    if (const auto plain = conditioning_of_matrix(square.transpose() * square)) return *plain;
   }
   return conditioning_of(singular_values(square), rows, k);
 }

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -14,6 +15,10 @@ namespace lightrig {
 /// one row per "cell", as many as there are, and may be empty. `scratch` is memory to use again.
 void extend_factor(const PackedRows& R, const PackedRows& rows, std::span<const std::int32_t> cells,
                    PackedRows& out, std::vector<double>& scratch, int level);
+
+/// Rank and κ² of rows by the eigenvalues of their Gram matrix, an upper triangle (k × stride),
+/// where these tell κ² to about 1e-12; else none.
+std::optional<Conditioning> conditioning_of_gram(std::span<const double> gram, int k, int stride);
 
 /// Rank and κ² of the `rows` rows that R is the factor of: by the eigenvalues of RᵀR while they
 /// tell κ² to about 1e-12, else by the singular values of R.

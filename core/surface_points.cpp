@@ -104,7 +104,8 @@ SurfacePoints facing_vertices(const Mesh& mesh, const CameraModel& camera) {
 SurfacePoints points_of_vertices(const Mesh& mesh, const Occluder& occluder,
                                  const CameraModel& camera) {
   Gathered facing = facing_the_camera(mesh, camera);
-  if (occluder.convex()) return packed(std::move(facing), false);
+  // Every vertex that faces the camera is above the rest of the body.
+  if (occluder.sure_cosine(true) == 0) return packed(std::move(facing), false);
   std::vector<std::uint8_t> hidden(facing.source.size());
   occluder.blocked(facing.position, facing.normal, camera_as_light(camera), hidden);
   Gathered seen;

@@ -12,9 +12,7 @@
 #include "core/merge_hdr.h"
 #include "core/mesh_repair.h"
 #include "core/planner.h"
-#include "core/route.h"
 #include "core/shapes.h"
-#include "sim/gantry_dynamics.h"
 #include "study/stability_cases.h"
 #include "study/stability_reference.h"
 
@@ -68,6 +66,66 @@ double differences(const CandidateBins& a, const CandidateBins& b) {
     count += static_cast<double>(only.size());
   }
   return count;
+}
+
+/// The cells that three lights show on a ball: by planning, by angles of a hundred digits, and by
+/// arc cosines in single precision, as a renderer might have them.
+struct CellsOfBall {
+  CandidateBins ours, reference, naive;
+};
+CellsOfBall cells_of_ball(double size, bool distant) {
+  const Mesh ball = make_sphere(size, 1);
+  const Eigen::Vector3d view = Eigen::Vector3d::UnitZ();
+  const GrazingLimits limits;
+  SurfacePoints points;
+  const Eigen::Index n = ball.vertices.cols();
+  points.position = ball.vertices;
+  points.normal = ball.normals;
+  points.view = view.replicate(1, n);
+  const BivariateGrid grid;
+  CellsOfBall cells{{grid, {0}, {}}, {grid, {0}, {}}, {grid, {0}, {}}};
+  const auto add = [](CandidateBins& bins, std::vector<std::int32_t> shown) {
+    std::ranges::sort(shown);
+    const auto repeated = std::ranges::unique(shown);
+    bins.cell.insert(bins.cell.end(), shown.begin(), repeated.begin());
+    bins.offset.push_back(static_cast<std::int64_t>(bins.cell.size()));
+  };
+  const auto cell = [&](double theta_h, double theta_d) {
+    const double quarter = std::numbers::pi / 2;
+    const int h = static_cast<int>(std::sqrt(theta_h / quarter) * grid.n_h);
+    const int d = static_cast<int>(theta_d / quarter * grid.n_d);
+    return grid.cell(std::min(h, grid.n_h - 1), std::min(d, grid.n_d - 1));
+  };
+  std::vector<LightPosition> lights;
+  for (int i = 0; i < 3; ++i) {
+    // A half vector within a millionth of a vertex's normal: the narrowest cells are about it.
+    Eigen::Index vertex = 0;
+    (ball.normals.transpose() * Eigen::Vector3d(0.3 * i, 0.2 - 0.1 * i, 1)).maxCoeff(&vertex);
+    const Eigen::Vector3d half =
+        (ball.normals.col(vertex) + Eigen::Vector3d(1e-6, 0, 0)).normalized();
+    const Eigen::Vector3d d = 2 * half.dot(view) * half - view;
+    lights.push_back({distant, distant ? d.normalized() : Eigen::Vector3d(3 * size * d)});
+    std::vector<std::int32_t> reference, naive;
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const Eigen::Vector3d normal = points.normal.col(k),
+                            way = distant ? d : lights.back().p - points.position.col(k);
+      const double cos_i = normal.dot(way) / way.norm();
+      if (cos_i < limits.min_cos_i || normal.dot(view) < limits.min_cos_o) continue;
+      const ReferenceAngles exact = reference_angles(normal, way, view);
+      if (exact.theta_d <= limits.max_theta_d)
+        reference.push_back(cell(exact.theta_h, exact.theta_d));
+      const Eigen::Vector3f l = way.cast<float>().normalized(), v = view.cast<float>();
+      const Eigen::Vector3f h = (l + v).normalized();
+      const float theta_h = std::acos(std::min(1.0F, normal.cast<float>().dot(h)));
+      const float theta_d = std::acos(std::min(1.0F, l.dot(h)));
+      if (double{theta_d} <= limits.max_theta_d) naive.push_back(cell(theta_h, theta_d));
+    }
+    add(cells.reference, std::move(reference));
+    add(cells.naive, std::move(naive));
+  }
+  cells.ours =
+      bin_candidates(points, lights, grid, {}, limits, Occluder(ball), ShadowRays::needed, 1).bins;
+  return cells;
 }
 
 Material material_of(const char* name, const BivariateGrid& grid, double scale, double fall) {
@@ -136,6 +194,17 @@ std::vector<StabilityCase> geometry_cases() {
                              fmt::format("a torus of {:.0e} m, {} lamp: cells in common", size,
                                          distant ? "distant" : "near"),
                              expected_size, in_common, no_naive, 1 / expected_size));
+    }
+  }
+  for (const bool distant : {true, false}) {
+    for (const double size : {1e-4, 1.0, 1e3}) {
+      const CellsOfBall cells = cells_of_ball(size, distant);
+      const auto shown = static_cast<double>(cells.reference.cell.size());
+      cases.push_back(judged("geometry",
+                             fmt::format("a ball of {:.0e} m, {} lamp: cells of exact angles", size,
+                                         distant ? "distant" : "near"),
+                             shown, shown - differences(cells.reference, cells.ours),
+                             shown - differences(cells.reference, cells.naive), 0));
     }
   }
   const Mesh plane = make_plane(1.0, 1.0, 4);
@@ -270,69 +339,6 @@ std::vector<StabilityCase> bracket_cases() {
   cases.push_back(judged("bracket", "two good exposures: inverse-variance mean",
                          reference_weighted_mean(rate, variance), five ? double{five->L[0]} : 0,
                          naive_mean(both, model), 1e-6));
-  return cases;
-}
-
-std::vector<StabilityCase> motion_cases() {
-  std::vector<StabilityCase> cases;
-  // Deflection of the arm under a constant push of 1 s, from soft to a million times stiffer.
-  for (const double frequency : {1e-3, 1.0, 1e3, 1e6}) {
-    for (const double damping : {0.02, 5.0}) {
-      const double t = 1.0 + 1e-7;
-      const double reference = reference_arm(frequency, damping, 2.0, t);
-      const sim::ArmState state = sim::arm_after({frequency, damping}, {}, 2.0, t);
-      // The textbook integrator: explicit steps of a millisecond.
-      double q = 0, rate = 0;
-      const double w = 2 * std::numbers::pi * frequency;
-      for (int i = 0; i < 1000; ++i) {
-        const double a = -2.0 - 2 * damping * w * rate - w * w * q;
-        q += 1e-3 * rate;
-        rate += 1e-3 * a;
-      }
-      // The phase ωt itself is rounded: its error is εωt, of a deflection that has decayed.
-      const double phase = w * t * std::exp(-std::min(700.0, damping * w * t));
-      cases.push_back(
-          judged("motion",
-                 fmt::format("arm of {:.0e} Hz, damping {}, one step of 1 s", frequency, damping),
-                 reference, state.deflection, q, 1e-9 + 1e-15 * phase));
-    }
-  }
-  // A drive's ramp of half a second up and part of the way down; the arm from a thousandth of the
-  // ramp's rate to a million times as fast. Superposed: the push at 0, less twice that at the turn.
-  for (const double ratio : {1e-3, 1.0, 1e3, 1e6}) {
-    const double ramp = 0.5, down = 0.2, frequency = ratio / ramp, damping = 0.02;
-    const double reference = reference_arm(frequency, damping, 2.0, ramp + down) -
-                             2 * reference_arm(frequency, damping, 2.0, down);
-    const sim::ArmModel arm{frequency, damping};
-    const sim::ArmState top = sim::arm_after(arm, {}, 2.0, ramp);
-    const double w = 2 * std::numbers::pi * frequency;
-    const double phase = w * (ramp + down) * std::exp(-std::min(700.0, damping * w * down));
-    cases.push_back(judged(
-        "motion", fmt::format("arm frequency times the drive's ramp of 0.5 s: {:.0e}", ratio),
-        reference, sim::arm_after(arm, top, -2.0, down).deflection, -2.0 / (w * w),
-        1e-9 + 1e-15 * phase));
-  }
-  GantryModel gantry;
-  gantry.kinematics = DomeKinematics{Eigen::Vector3d::Zero(), 1.0};
-  gantry.axes = {{"azimuth", true, -3, 3, 1, 2, 0}, {"elevation", true, 0, 1.5, 1, 2, 0}};
-  const auto at = [](double a, double e) {
-    GantryPosition p;
-    p.axes = Eigen::Vector2d(a, e);
-    return p;
-  };
-  std::vector<GantryPosition> stops = {at(1, 0.5), at(1, 0.5), at(1, 0.5), at(0, 0), at(0, 0)};
-  const std::vector<int> order = order_route(gantry, at(0, 0), stops);
-  std::vector<int> sorted = order;
-  std::sort(sorted.begin(), sorted.end());
-  cases.push_back(judged("route", "coincident stops: each is visited once", 1,
-                         sorted == std::vector<int>{0, 1, 2, 3, 4} ? 1 : 0, no_naive, 0));
-  cases.push_back(judged("route", "coincident stops: one move, no more",
-                         move_time(gantry, at(0, 0), at(1, 0.5)),
-                         route_time(gantry, at(0, 0), stops, order), no_naive, 1e-12));
-  stops.assign(30, at(1, 0.5));
-  cases.push_back(judged(
-      "route", "thirty stops in one place", move_time(gantry, at(0, 0), at(1, 0.5)),
-      route_time(gantry, at(0, 0), stops, order_route(gantry, at(0, 0), stops)), no_naive, 1e-12));
   return cases;
 }
 

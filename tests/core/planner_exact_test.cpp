@@ -87,18 +87,30 @@ TEST(SelectLights, EqualsBruteForceOnAThousandSeededSmallProblems) {
   EXPECT_LT(exact_fast, exact_plain / 2);
 }
 
-/// A scene of the data folder, or the sphere.
-CandidateBins bins_of_scene(const std::string& mesh_name, const std::string& folder,
-                            const BrdfBasis& basis, bool distant, bool pixels, int candidates) {
+/// A scene of the data folder, or the sphere, binned twice: with the rays needed, and for brute
+/// force with one for every lit point.
+struct SceneBins {
+  CandidateBins fast, plain;
+};
+SceneBins bins_of_scene(const std::string& mesh_name, const std::string& folder,
+                        const BrdfBasis& basis, bool distant, bool pixels, int candidates) {
   const Mesh mesh =
       mesh_name == "sphere" ? test::sphere_mesh(5) : test::data_mesh(folder, mesh_name);
   const Occluder occluder(mesh);
   const CameraModel camera = test::facing_camera(distant, 4, 120, 120);
   const SurfacePoints points = pixels ? points_of_pixels(mesh, occluder, camera, 1)
                                       : points_of_vertices(mesh, occluder, camera);
-  return bin_candidates(points, test::spread_lights(candidates, distant, 3), basis.grid,
-                        basis.valid, no_grazing_limits, occluder, ShadowRays::needed, 2)
-      .bins;
+  const auto lights = test::spread_lights(candidates, distant, 3);
+  const auto bins = [&](ShadowRays rays, int threads) {
+    return bin_candidates(points, lights, basis.grid, basis.valid, no_grazing_limits, occluder,
+                          rays, threads)
+        .bins;
+  };
+  return {bins(ShadowRays::needed, 2), bins(ShadowRays::all, 1)};
+}
+
+bool equal(const SceneBins& bins) {
+  return bins.fast.offset == bins.plain.offset && bins.fast.cell == bins.plain.cell;
 }
 
 struct Case {
@@ -131,18 +143,28 @@ TEST(SelectLights, EqualsBruteForceOnTheMeshesAndMaterialsOfTheDataFolder) {
                         Case{"head_igea", columns, 45, true, true, kappa, 60, 5},
                         Case{"head_igea", columns, 100, false, false, trace, 30, 3}}) {
     const BrdfBasis basis = truncated(c.layout == stacked ? full_stacked : full_columns, c.k);
-    const CandidateBins bins =
+    const SceneBins binned =
         bins_of_scene(c.mesh, *folder, basis, c.distant, c.pixels, c.candidates);
+    EXPECT_TRUE(equal(binned)) << c.mesh << " distant " << c.distant;
+    const CandidateBins& bins = binned.fast;
     SelectionOptions options;
     options.criterion = c.criterion;
     options.stop = StopRule::count;
     options.max_lights = c.lights;
     options.threads = 2;
-    const Selection fast = select_lights(basis, bins, options);
-    options.brute_force = true;
-    const Selection plain = select_lights(basis, bins, options);
+    LightPlanner planner(basis, bins, options);
+    const Selection fast = planner.select(options);
+    SelectionOptions brute = options;
+    brute.brute_force = true;
+    const Selection plain = select_lights(basis, binned.plain, brute);
     EXPECT_TRUE(same(fast, plain)) << c.mesh << " K " << c.k << " distant " << c.distant;
     EXPECT_EQ(fast.lights.size(), static_cast<std::size_t>(c.lights));
+    // A light is lost: from what the plan made ready, from nothing, and plainly.
+    test::lose_third_light(fast, static_cast<std::size_t>(c.candidates), options);
+    const Selection again = planner.select(options);
+    EXPECT_TRUE(same(again, select_lights(basis, bins, options))) << c.mesh << " K " << c.k;
+    options.brute_force = true;
+    EXPECT_TRUE(same(again, select_lights(basis, binned.plain, options))) << c.mesh;
   }
 }
 
@@ -156,21 +178,22 @@ TEST(SelectLights, EqualsBruteForceOnEveryCombinationWhenAsked) {
     for (const char* mesh : {"sphere", "bunny", "happy_buddha", "dragon", "teapot", "head_igea"}) {
       for (const bool pixels : {false, true}) {
         for (const bool distant : {true, false}) {
-          const CandidateBins bins = bins_of_scene(mesh, *folder, full, distant, pixels, 40);
+          const SceneBins bins = bins_of_scene(mesh, *folder, full, distant, pixels, 40);
+          EXPECT_TRUE(equal(bins)) << mesh << " distant " << distant << " pixels " << pixels;
           for (const Eigen::Index k : {20, 45, 79}) {
             const BrdfBasis basis = truncated(full, k);
             SelectionOptions options;
             options.stop = StopRule::count;
             options.max_lights = 4;
-            const Selection fast = select_lights(basis, bins, options);
+            const Selection fast = select_lights(basis, bins.fast, options);
             options.brute_force = true;
-            const auto verdict = same(fast, select_lights(basis, bins, options));
+            const auto verdict = same(fast, select_lights(basis, bins.plain, options));
             EXPECT_TRUE(verdict);
             std::printf("%-13s %-8s %-7s %-8s K %2d  %zu lights  kappa2 %.10g  %s\n", mesh,
                         layout == ChannelLayout::stacked ? "stacked" : "columns",
                         distant ? "distant" : "near", pixels ? "pixels" : "vertices",
                         static_cast<int>(k), fast.lights.size(), fast.lights.back().score,
-                        verdict ? "equal" : "DIFFERS");
+                        verdict && equal(bins) ? "equal" : "DIFFERS");
           }
         }
       }

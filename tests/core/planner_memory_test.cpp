@@ -86,25 +86,42 @@ TEST(PlannerMemory, SelectionAllocatesNothingPerCandidate) {
   }
 }
 
+/// A ball, and one with a dent, which shades itself.
+Mesh ball(bool dented) {
+  Mesh mesh = test::sphere_mesh(4);
+  if (!dented) return mesh;
+  for (Eigen::Index i = 0; i < mesh.vertices.cols(); ++i) {
+    const double depth =
+        std::max(0.0, 0.9 - (mesh.vertices.col(i) - Eigen::Vector3d(0, -1, 0)).norm());
+    mesh.vertices.col(i) *= 1 - depth;
+  }
+  return mesh;
+}
+
 TEST(PlannerMemory, BinningAllocatesNothingPerCandidateOrPoint) {
-  for (const bool distant : {true, false}) {
-    std::int64_t taken[2] = {0, 0};
-    int size = 60, lights = 100;
-    const Mesh mesh = test::sphere_mesh(4);
+  for (const bool dented : {false, true}) {
+    const Mesh mesh = ball(dented);
     const Occluder occluder(mesh);
-    for (std::int64_t& count : taken) {
-      const SurfacePoints points =
-          points_of_pixels(mesh, occluder, test::facing_camera(distant, 4, size, size), 1);
-      const auto candidates = test::spread_lights(lights, distant, 3);
-      const std::int64_t before = allocations;
-      const BinningResult result =
-          bin_candidates(points, candidates, {}, {}, {}, occluder, ShadowRays::needed, 1);
-      count = allocations - before;
-      EXPECT_GT(result.bins.cell.size(), 0U);
-      size *= 2;
-      lights *= 8;
+    for (const bool distant : {true, false}) {
+      std::int64_t taken[2] = {0, 0};
+      int size = 60, lights = 100;
+      for (std::int64_t& count : taken) {
+        const SurfacePoints points =
+            points_of_pixels(mesh, occluder, test::facing_camera(distant, 4, size, size), 1);
+        const auto candidates = test::spread_lights(lights, distant, 3);
+        const std::int64_t before = allocations;
+        const BinningResult result =
+            bin_candidates(points, candidates, {}, {}, {}, occluder, ShadowRays::needed, 1);
+        count = allocations - before;
+        EXPECT_GT(result.bins.cell.size(), 0U);
+        // With rays by the thousand, most of them for points that others shade.
+        EXPECT_EQ(result.statistics.rays_cast > lights, dented);
+        EXPECT_EQ(result.statistics.in_shadow > lights, dented);
+        size *= 2;
+        lights *= 8;
+      }
+      EXPECT_LT(taken[1] - taken[0], 100) << "for 700 candidates more";
     }
-    EXPECT_LT(taken[1] - taken[0], 100) << "for 700 candidates more";
   }
 }
 
