@@ -108,7 +108,8 @@ void add_study_verb(Verbs& verbs) {
   verb->add_option("--materials", options->materials, "builtin, or a directory of MERL files")
       ->capture_default_str();
   verb->add_option("--methods", options->methods,
-                   "Methods to compare, by name or LIGHTS:POINTS:ESTIMATOR[:k=N][:exposures=N]; "
+                   "Methods to compare, by name or LIGHTS:POINTS:ESTIMATOR[:k=N][:exposures=N]"
+                   "[:range=bare]; "
                    "all named ones where none is given");
   verb->add_option(
       "--criterion", options->criteria,

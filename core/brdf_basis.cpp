@@ -253,9 +253,7 @@ Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOpt
     const LeaveOut unseen =
         leave_materials_out(basis, training, K, options.sigma_folds, options.threads);
     // An unseen material may lie outside the training range.
-    const Eigen::VectorXd slack = unseen.range_slack * (basis.y_max - basis.y_min);
-    basis.y_min -= slack;
-    basis.y_max += slack;
+    basis.range_slack = unseen.range_slack;
     basis.stddev = unseen.stddev;
     basis.model_sigma = unseen.model_sigma;
     basis.unsaid_sigma = unseen.unsaid_sigma;
@@ -295,6 +293,8 @@ BrdfTable evaluate(const BrdfBasis& basis, const Eigen::MatrixXd& c, int* clippe
   // One product for all columns of c where they share their rows.
   Eigen::MatrixXd all;
   if (!stacked) all = (basis.V * c).colwise() + basis.mean;
+  const Eigen::VectorXd slack = basis.range_slack * (basis.y_max - basis.y_min);
+  const Eigen::VectorXd least = basis.y_min - slack, most = basis.y_max + slack;
   int count = 0;
   for (int channel = 0; channel < channels; ++channel) {
     const Eigen::Index first = basis.row(0, channel);
@@ -309,7 +309,7 @@ BrdfTable evaluate(const BrdfBasis& basis, const Eigen::MatrixXd& c, int* clippe
       if (!basis.valid[static_cast<std::size_t>(cell)]) continue;
       const Eigen::Index row = first + cell;
       // NaN coefficients must not pass for a clipped exponent.
-      const double inside = std::clamp(y[cell], basis.y_min[row], basis.y_max[row]);
+      const double inside = std::clamp(y[cell], least[row], most[row]);
       if (inside != y[cell]) ++count;
       table.f(cell, channel) = unmap_value(basis.mapping, cell, inside);
     }

@@ -72,8 +72,10 @@ struct BrdfBasis {
   /// components because these were made to fit.
   Eigen::VectorXd stddev;
   Eigen::VectorXd training_stddev;  ///< (k), descending: over the training set itself
-  Eigen::VectorXd y_min,
-      y_max;  ///< (rows): training range; with folds, as wide as unseen materials need it
+  Eigen::VectorXd y_min, y_max;     ///< (rows): training range
+  /// What exponents may lie outside a row's training range on either side, in such ranges: as much
+  /// as unseen materials need it, by leaving materials out. 0 without folds: the bare range.
+  double range_slack = 0;
   /// Standard deviation of a row in a fit besides its noise: what the basis cannot say of unseen
   /// materials, mapped units. The one of least error when materials are left out.
   double model_sigma = 0.15;
@@ -118,7 +120,8 @@ Result<BrdfBasis> make_basis(std::span<const Material> materials, const BasisOpt
 /// The first k components of a basis.
 BrdfBasis truncated(const BrdfBasis& basis, Eigen::Index k);
 
-/// mean + V c per channel, unmapped, exponents clipped to the training range; NaN in invalid cells.
+/// mean + V c per channel, unmapped, exponents clipped to the training range widened by
+/// range_slack; NaN in invalid cells.
 /// Column basis: c is (k × C), C any number of channels. Stacked basis: c is (k × 1), one vector
 /// for all channels solved jointly, or (k × channels), where channel j is its own block of rows
 /// times column j (each channel solved by itself, as in the paper's tables). `clipped` counts the

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <random>
 #include <span>
 #include <tuple>
@@ -198,8 +199,13 @@ class Job {
                              : map                 ? split_.whole
                                                    : split_.paper;
     const bool cut = method.components > 0 && method.components < whole.components();
-    const BrdfBasis fewer = cut ? truncated(whole, method.components) : BrdfBasis{};
-    const BrdfBasis& basis = cut ? fewer : whole;
+    std::optional<BrdfBasis> changed;
+    if (cut) changed = truncated(whole, method.components);
+    if (method.bare_range) {
+      if (!changed) changed = whole;
+      changed->range_slack = 0;
+    }
+    const BrdfBasis& basis = changed ? *changed : whole;
     MeasuredRows measured{method.exposures >= 0 ? method.exposures : options_.exposures,
                           options_.metered, options_.noise, options_.floor, 0};
     const bool exact = measured.noise <= 0 && measured.exposures <= 0 && method.prior.empty();

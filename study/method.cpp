@@ -52,12 +52,13 @@ std::optional<int> setting(const std::string& part, const std::string& key, int 
 tl::unexpected<Error> unknown(const std::string& name, const std::string& what) {
   std::vector<std::string> names;
   for (const MethodSpec& spec : named()) names.push_back(spec.name);
-  return fail(ErrorCode::invalid_input,
-              fmt::format("study: no method {}: {}; there are {}, and "
-                          "condition|a-optimal|random:vertices|pixels:ESTIMATOR with :k=N and "
-                          ":exposures=N if wanted, ESTIMATOR being pseudo-inverse, map, "
-                          "map-stacked, map-ln-offset or map-log-relative",
-                          name, what, fmt::join(names, ", ")));
+  return fail(
+      ErrorCode::invalid_input,
+      fmt::format("study: no method {}: {}; there are {}, and "
+                  "condition|a-optimal|random:vertices|pixels:ESTIMATOR with :k=N, "
+                  ":exposures=N and :range=bare if wanted, ESTIMATOR being pseudo-inverse, map, "
+                  "map-stacked, map-ln-offset or map-log-relative",
+                  name, what, fmt::join(names, ", ")));
 }
 
 }  // namespace
@@ -95,6 +96,8 @@ Result<MethodSpec> method_spec(const std::string& name) {
       spec.components = *k;
     } else if (const std::optional<int> exposures = setting(parts[i], "exposures", 0)) {
       spec.exposures = *exposures;
+    } else if (parts[i] == "range=bare") {
+      spec.bare_range = true;
     } else {
       return unknown(name, fmt::format("\"{}\" sets nothing", parts[i]));
     }

@@ -22,11 +22,14 @@ struct MethodSpec {
                        ///< "ln-offset" or "log-relative"
   int components = 0;  ///< of planning and fit; 0: what is usual for the method
   int exposures = -1;  ///< as StudyOptions::exposures; −1 takes those
+  /// Exponents clipped to the training range itself, not to what unseen materials need of it.
+  bool bare_range = false;
 };
 
 /// A method by its name: one of study_methods(), or LIGHTS:POINTS:ESTIMATOR with LIGHTS one of
 /// condition, a-optimal, random, POINTS vertices or pixels, ESTIMATOR pseudo-inverse, map,
-/// map-stacked, map-ln-offset or map-log-relative, and then, if wanted, :k=N and :exposures=N.
+/// map-stacked, map-ln-offset or map-log-relative, and then, if wanted, :k=N, :exposures=N and
+/// :range=bare.
 /// Errors: invalid_input.
 Result<MethodSpec> method_spec(const std::string& name);
 

@@ -84,7 +84,7 @@ StudyIdentity identity_of(const StudyOptions& o, const std::vector<Material>& ma
   std::vector<std::string> methods;
   for (const MethodSpec& m : specs) methods.push_back(m.name);
   identity.text = fmt::format(
-      "schema=lightrig.study/4\nmaterials={}\nmaterial_count={}\nmaterials_sha256={}\n"
+      "schema=lightrig.study/5\nmaterials={}\nmaterial_count={}\nmaterials_sha256={}\n"
       "splits={}\ntrain_fraction={}\nrandom_runs={}\ncandidates={}\ncomponents={}\nfloor={}\n"
       "exposures={}\nmetered={}\nnoise={}\nseed={}\nmethods={}\ntable1={}\nseconds_per_light={}\n",
       o.materials == "builtin" ? "builtin" : "directory", materials.size(),
@@ -135,7 +135,7 @@ Result<Prepared> prepare_study(const StudyOptions& options) {
   Result<LoadedMaterials> loaded = load_materials(config);
   if (!loaded) return tl::unexpected(with_context("study", loaded.error()));
   p.materials = std::move(loaded->materials);
-  p.remarks = std::move(loaded->remarks);
+  p.remarks.insert(p.remarks.end(), loaded->remarks.begin(), loaded->remarks.end());
   const std::vector<std::uint8_t> valid = valid_in_all(p.materials);
   std::vector<std::string> order;
   const std::map<std::string, std::vector<int>> lights = asked_objects(options, order);
@@ -185,6 +185,9 @@ class SplitCache {
     if (auto there = splits_[index].lock()) return there;
     Result<StudySplit> made = make_split(prepared_.materials, options_, prepared_.methods, index);
     if (!made) return tl::unexpected(made.error());
+    if (Result<void> stored = store_split(options_.out, *made); !stored) {
+      return tl::unexpected(stored.error());
+    }
     auto shared = std::make_shared<const StudySplit>(std::move(*made));
     splits_[index] = shared;
     latest_[static_cast<std::size_t>(index) % latest_.size()] = shared;
@@ -199,6 +202,22 @@ class SplitCache {
   std::array<std::shared_ptr<const StudySplit>, 2>
       latest_;  // the next job mostly asks for it again
 };
+
+/// Every file that a shard may hold of a study, and where it goes; a job's rows last.
+std::vector<std::pair<std::filesystem::path, std::filesystem::path>> files_of(
+    const StudyIdentity& identity, const std::filesystem::path& shard,
+    const std::filesystem::path& out) {
+  std::vector<std::pair<std::filesystem::path, std::filesystem::path>> files;
+  for (int split = 0; split < identity.splits; ++split) {
+    files.emplace_back(split_file(shard, split), split_file(out, split));
+    for (const std::string& object : identity.objects) {
+      files.emplace_back(spheres_file(shard, object), spheres_file(out, object));
+      files.emplace_back(cost_file(shard, split, object), cost_file(out, split, object));
+      files.emplace_back(job_file(shard, split, object), job_file(out, split, object));
+    }
+  }
+  return files;
+}
 
 }  // namespace
 
@@ -266,19 +285,11 @@ Result<StudySummary> merge_study(std::span<const std::filesystem::path> shards,
     if (Result<void> same = claim_folder(out, *identity); !same) {
       return tl::unexpected(with_context("study merge: " + shard.string(), same.error()));
     }
-    for (int split = 0; split < identity->splits; ++split) {
-      for (const std::string& object : identity->objects) {
-        const std::pair<std::filesystem::path, std::filesystem::path> files[] = {
-            {spheres_file(shard, object), spheres_file(out, object)},
-            {cost_file(shard, split, object), cost_file(out, split, object)},
-            {job_file(shard, split, object), job_file(out, split, object)}};
-        for (const auto& [from, to] : files) {
-          const Result<std::string> bytes = read_file(from);
-          if (!bytes) continue;  // another shard's job
-          if (Result<void> w = write_durably(to, *bytes); !w) {
-            return tl::unexpected(with_context("study merge", w.error()));
-          }
-        }
+    for (const auto& [from, to] : files_of(*identity, shard, out)) {
+      const Result<std::string> bytes = read_file(from);
+      if (!bytes) continue;  // another shard's job
+      if (Result<void> w = write_durably(to, *bytes); !w) {
+        return tl::unexpected(with_context("study merge", w.error()));
       }
     }
   }
@@ -298,7 +309,10 @@ Result<StudySummary> summarize_study(const std::filesystem::path& out) {
   for (const StudyRow& row : study->rows) rows += to_csv(row);
   for (const CostRow& row : study->costs) costs += to_csv(row);
   const std::pair<const char*, std::string> files[] = {
-      {"study.csv", rows}, {"cost.csv", costs}, {"report.html", study_html(*study)}};
+      {"study.csv", rows},
+      {"splits.csv", split_header() + study->splits},
+      {"cost.csv", costs},
+      {"report.html", study_html(*study)}};
   for (const auto& [name, text] : files) {
     if (Result<void> w = write_durably(out / name, text); !w) {
       return tl::unexpected(with_context("study", w.error()));

@@ -29,6 +29,17 @@ BasisOptions prior_options(const std::string& prior, double floor) {
   return options;
 }
 
+/// One range of exponents for every estimator of ln max(f, floor): the training part's over all its
+/// channels, as wide as materials left out of it need. Held to a narrower one, a method would be
+/// judged by its range and not by its fit.
+void share_range(const BrdfBasis& whole, BrdfBasis& other) {
+  if (other.mapping.kind != whole.mapping.kind) return;
+  const Eigen::Index copies = other.rows() / whole.rows();
+  other.y_min = whole.y_min.replicate(copies, 1);
+  other.y_max = whole.y_max.replicate(copies, 1);
+  other.range_slack = whole.range_slack;
+}
+
 }  // namespace
 
 Result<StudySplit> make_split(std::span<const Material> materials, const StudyOptions& options,
@@ -63,12 +74,14 @@ Result<StudySplit> make_split(std::span<const Material> materials, const StudyOp
   Result<BrdfBasis> whole = make_basis(learn, columns);
   if (!paper) return tl::unexpected(with_context("study: basis", paper.error()));
   if (!whole) return tl::unexpected(with_context("study: basis", whole.error()));
+  share_range(*whole, *paper);
   split.paper = std::move(*paper);
   split.whole = std::move(*whole);
   for (const MethodSpec& method : methods) {
     if (method.prior.empty() || split.priors.contains(method.prior)) continue;
     Result<BrdfBasis> made = make_basis(learn, prior_options(method.prior, options.floor));
     if (!made) return tl::unexpected(with_context("study: basis " + method.prior, made.error()));
+    share_range(split.whole, *made);
     split.priors.emplace(method.prior, std::move(*made));
   }
   split.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

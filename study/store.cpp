@@ -56,6 +56,10 @@ std::filesystem::path cost_file(const std::filesystem::path& out, int split,
   return out / "jobs" / fmt::format("{:03}-{}.cost.csv", split, object);
 }
 
+std::filesystem::path split_file(const std::filesystem::path& out, int split) {
+  return out / "jobs" / fmt::format("{:03}.split.csv", split);
+}
+
 std::filesystem::path spheres_file(const std::filesystem::path& out, const std::string& object) {
   return out / "jobs" / fmt::format("000-{}.spheres.png", object);
 }
@@ -113,10 +117,29 @@ Result<void> store_job(const std::filesystem::path& out, int split, const std::s
   return write_durably(job_file(out, split, object), rows);
 }
 
+std::string split_header() {
+  return "split,basis,trained_on,components,model_sigma,unsaid_sigma,range_slack\n";
+}
+
+Result<void> store_split(const std::filesystem::path& out, const StudySplit& split) {
+  std::string lines = split_header();
+  const auto add = [&](const std::string& name, const BrdfBasis& basis) {
+    // Without folds of its own a basis knows no σ; the pseudo-inverse asks for none.
+    const std::string sigmas =
+        basis.left_out ? fmt::format("{:.6g},{:.6g}", basis.model_sigma, basis.unsaid_sigma) : ",";
+    lines += fmt::format("{},{},{},{},{},{:.6g}\n", split.index, name, basis.materials,
+                         basis.components(), sigmas, basis.range_slack);
+  };
+  add("pseudo-inverse", split.paper);
+  add("map", split.whole);
+  for (const auto& [name, basis] : split.priors) add("map-" + name, basis);
+  return write_durably(split_file(out, split.index), lines);
+}
+
 Result<StoredStudy> read_study(const std::filesystem::path& out) {
   Result<StudyIdentity> identity = read_identity(out);
   if (!identity) return tl::unexpected(identity.error());
-  StoredStudy study{*identity, {}, {}, 0, {}};
+  StoredStudy study{*identity, {}, {}, {}, 0, {}};
   for (const std::string& object : identity->objects) {
     const Result<std::string> png = read_file(spheres_file(out, object));
     if (!png) continue;
@@ -124,6 +147,9 @@ Result<StoredStudy> read_study(const std::filesystem::path& out) {
     study.spheres.emplace_back(object, std::vector<std::byte>(bytes.begin(), bytes.end()));
   }
   for (int split = 0; split < identity->splits; ++split) {
+    if (const Result<std::string> lines = read_file(split_file(out, split))) {
+      study.splits += lines->substr(std::min(lines->size(), split_header().size()));
+    }
     for (const std::string& object : identity->objects) {
       const std::filesystem::path path = job_file(out, split, object);
       const Result<std::string> text = read_file(path);

@@ -24,12 +24,13 @@ struct StudyIdentity {
   int jobs() const { return static_cast<int>(objects.size()) * splits; }
 };
 
-/// The folder's layout: OUT/study.txt, OUT/jobs/SPLIT-OBJECT.csv and .cost.csv.
+/// The folder's layout: OUT/study.txt, OUT/jobs/SPLIT-OBJECT.csv and .cost.csv, SPLIT.split.csv.
 std::filesystem::path job_file(const std::filesystem::path& out, int split,
                                const std::string& object);
 std::filesystem::path cost_file(const std::filesystem::path& out, int split,
                                 const std::string& object);
 
+std::filesystem::path split_file(const std::filesystem::path& out, int split);
 std::filesystem::path spheres_file(const std::filesystem::path& out, const std::string& object);
 
 /// Writes study.txt, or checks that the one there says the same. Errors: invalid_input.
@@ -39,11 +40,16 @@ Result<StudyIdentity> read_identity(const std::filesystem::path& out);
 Result<void> store_job(const std::filesystem::path& out, int split, const std::string& object,
                        const JobResult& result);
 
+/// What a split's bases learnt by leaving materials out, one line per basis: σ and range_slack.
+Result<void> store_split(const std::filesystem::path& out, const StudySplit& split);
+std::string split_header();
+
 /// Rows of every job that is there, in the order splits × objects.
 struct StoredStudy {
   StudyIdentity identity;
   std::vector<StudyRow> rows;
   std::vector<CostRow> costs;
+  std::string splits;  ///< lines of every split that is there, without their header
   int jobs_there = 0;
   std::vector<std::pair<std::string, std::vector<std::byte>>> spheres;  ///< object, PNG
 };

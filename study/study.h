@@ -73,8 +73,9 @@ struct StudyMethod {
 std::span<const StudyMethod> study_methods();
 
 /// Runs this shard's jobs that `out` does not hold yet (a study interrupted goes on where it was),
-/// one file per job under `out`/jobs. With every job there, writes study.csv, cost.csv and
-/// report.html. study.csv depends on the options alone; what was measured stands in cost.csv.
+/// one file per job under `out`/jobs. With every job there, writes study.csv, splits.csv (what
+/// each split learnt by leaving materials out), cost.csv and report.html. The first two depend on
+/// the options alone; what was measured stands in cost.csv.
 /// Errors: invalid_input (options, or `out` holds another study), not_found, and those of writing.
 Result<StudySummary> run_study(const StudyOptions& options,
                                const std::function<void(const StudyProgress&)>& progress);

@@ -316,6 +316,14 @@ void see_turned(const Rig& rig, const SessionSpec& spec, const Patience& patienc
   }
 }
 
+/// A person should hear before the rig moves that nothing will test what it yields.
+void remark_untested(Prepared& prepared) {
+  if (std::ranges::any_of(prepared.plan.shots, &Shot::held_out)) return;
+  prepared.remarks.emplace_back(
+      "no light is held out: the session will not know its error, only what is predicted of it; "
+      "[plan] held_out_lights = 1 captures one that is compared and not fitted");
+}
+
 /// Everything but the choice of lights.
 Result<Prepared> prepare_scene(const Rig& rig, const SessionSpec& spec, bool brute_force,
                                const Patience& patience) {
@@ -355,6 +363,7 @@ Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_for
     return tl::unexpected(chosen.error());
   }
   see_turned(rig, spec, patience, *prepared);
+  remark_untested(*prepared);
   prepared->peak_memory_mib = peak_memory_mib();
   return prepared;
 }
@@ -373,6 +382,7 @@ Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, cons
   for (Shot& shot : prepared->plan.shots)
     shot.light = prepared->candidates[static_cast<std::size_t>(shot.candidate)].light;
   see_turned(rig, spec, patience, *prepared);
+  remark_untested(*prepared);
   return prepared;
 }
 

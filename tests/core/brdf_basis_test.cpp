@@ -205,10 +205,17 @@ TEST(MakeBasis, WidensTheRangeAsMaterialsLeftOutOfTheTrainingNeedIt) {
   options.sigma_folds = 3;
   options.components = 1;
   const BrdfBasis basis = basis_of(materials, options);
-  EXPECT_NEAR(basis.y_max[17], 5.2 + 0.3 * 5.2, 1e-9);
-  EXPECT_NEAR(basis.y_min[17], -0.3 * 5.2, 1e-9);
+  EXPECT_NEAR(basis.y_max[17], 5.2, 1e-12);
+  EXPECT_NEAR(basis.y_min[17], 0, 1e-12);
+  EXPECT_NEAR(basis.range_slack, 0.3, 1e-9);
+  const auto brightest = [](const BrdfBasis& b) {
+    return std::log(evaluate(b, Eigen::MatrixXd::Constant(1, 1, 1e6)).f(17, 0));
+  };
+  EXPECT_NEAR(brightest(basis), 5.2 + 0.3 * 5.2, 1e-9);
   options.sigma_folds = 0;
-  EXPECT_NEAR(basis_of(materials, options).y_max[17], 5.2, 1e-12);
+  const BrdfBasis bare = basis_of(materials, options);
+  EXPECT_EQ(bare.range_slack, 0);
+  EXPECT_NEAR(brightest(bare), 5.2, 1e-12);
 }
 
 }  // namespace

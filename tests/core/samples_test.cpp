@@ -239,6 +239,43 @@ TEST_F(Extract, GivesTheSameRowsOnAnyNumberOfThreads) {
   }
 }
 
+// Points of pixels are summed in runs that lie side by side in one cell, others one by one. The
+// same points told as vertices, which project to the very same sites, must give the same bits.
+TEST_F(Extract, SumsRunsOfPixelsToTheVeryBitsOfPixelByPixel) {
+  std::mt19937_64 random(11);
+  std::uniform_real_distribution<float> uniform(0.5F, 1.5F);
+  for (const ColorFilter filter : {ColorFilter::mono, ColorFilter::bayer_grbg}) {
+    RadianceImage image = lambert(Eigen::Array3d(0.1, 0.2, 0.3), filter);
+    RadianceImage ambient = image;
+    for (std::size_t i = 0; i < image.L.size(); ++i) {
+      image.L[i] *= uniform(random);
+      image.variance[i] = 1e-3F * image.L[i] * image.L[i] * uniform(random);
+      ambient.L[i] = 0.01F * uniform(random);
+      if (random() % 17 == 0) image.site[i] = RadianceImage::Site::saturated;
+      if (random() % 13 == 0) image.site[i] = RadianceImage::Site::dark;
+      if (random() % 97 == 0) ambient.site[i] = RadianceImage::Site::saturated;
+    }
+    options_.drop_mixed = false;  // only pixels have neighbours to mix with
+    const BrdfObservations in_runs = run(image, &ambient);
+    SurfacePoints one_by_one = points_;
+    one_by_one.from_pixels = false;
+    const BrdfObservations plain =
+        extract(image, &ambient, one_by_one, camera_, lamp_, grid_, {}, occluder_, options_);
+    ASSERT_GT(in_runs.rows.size(), 50U);
+    ASSERT_EQ(in_runs.rows.size(), plain.rows.size());
+    for (std::size_t i = 0; i < plain.rows.size(); ++i) {
+      const BrdfObservation &a = in_runs.rows[i], &b = plain.rows[i];
+      ASSERT_EQ(std::tuple(a.cell, a.channel, a.kind, a.count),
+                std::tuple(b.cell, b.channel, b.kind, b.count));
+      EXPECT_EQ(a.f, b.f);
+      EXPECT_EQ(a.variance, b.variance);
+    }
+    EXPECT_EQ(in_runs.statistics.saturated, plain.statistics.saturated);
+    EXPECT_EQ(in_runs.statistics.dark, plain.statistics.dark);
+    EXPECT_GT(plain.statistics.saturated, 0);
+  }
+}
+
 TEST_F(Extract, SaysTheSameOfPixelsInWhateverOrder) {
   // Pixels side by side are summed a run at a time; shuffled, no two of them stand side by side.
   options_.drop_mixed = false;

@@ -175,6 +175,24 @@ TEST(Prepare, LeavesOutLightsThatNoWayLeadsTo) {
   EXPECT_THAT(prepared->remarks, testing::Contains(HasSubstr("no way leads to them")));
 }
 
+TEST(Prepare, SaysThatNothingTestsAPlanWithoutAHeldOutLight) {
+  const Scratch scratch;
+  const auto remarks = [&](const Rig& rig, const Plan* plan) {
+    const auto prepared =
+        plan == nullptr ? prepare(rig, spec_of(rig)) : prepare_with_plan(rig, spec_of(rig), *plan);
+    return prepared ? prepared->remarks : std::vector<std::string>{prepared.error().message};
+  };
+  const auto said = testing::Contains(HasSubstr("will not know its error"));
+  Plan plan = small_plan().plan;
+  EXPECT_THAT(remarks(small_rig(scratch.path()), &plan), testing::Not(said));
+  EXPECT_THAT(
+      remarks(small_rig(scratch.path(), {{"held_out_lights = 1", "held_out_lights = 0"}}), nullptr),
+      said);
+  std::erase_if(plan.shots, &Shot::held_out);
+  EXPECT_THAT(remarks(small_rig(scratch.path()), &plan), said)
+      << "a session reduced from its folder";
+}
+
 TEST(Prepare, HoldsOutALightThatIsNotPlannedAndNotBesideOneThatIs) {
   const Plan& plan = small_plan().plan;
   ASSERT_EQ(plan.shots.size(), 4U);

@@ -14,6 +14,7 @@
 #include "study/report.h"
 #include "study/row.h"
 #include "study/scene.h"
+#include "study/store.h"
 #include "tests/paths.h"
 
 namespace lightrig {
@@ -116,6 +117,7 @@ TEST_F(Study, OfMergedShardsEqualsTheWholeByteForByte) {
   ASSERT_TRUE(merged.has_value()) << merged.error().message;
   EXPECT_TRUE(merged->complete);
   EXPECT_EQ(text_of(root_ / "merged" / "study.csv"), text_of(options_.out / "study.csv"));
+  EXPECT_EQ(text_of(root_ / "merged" / "splits.csv"), text_of(options_.out / "splits.csv"));
 }
 
 TEST_F(Study, OfAxesIsTheirProductAndTheUsualSettingsGiveTheNamedMethods) {
@@ -166,6 +168,57 @@ TEST_F(Study, PredictsTheMinutesOfAGivenRigAndTheyGrowWithTheLights) {
   EXPECT_GT(seconds.at(3), seconds.at(1));
   const std::string html = text_of(options_.out / "report.html");
   EXPECT_THAT(html, testing::HasSubstr("motion model of rig"));
+}
+
+TEST_F(Study, RemarksOfTheRigAndOfTheMaterialsAreBothSaid) {
+  options_.methods = {"mean"};
+  options_.rig = lightrig::test::source_dir + std::string("/config/demo.toml");
+  std::ofstream(root_ / "materials" / "torn.binary") << "no material";
+  EXPECT_THAT(run(options_).remarks,
+              testing::UnorderedElementsAre(testing::HasSubstr("capture times are of rig"),
+                                            testing::HasSubstr("torn: left out")));
+}
+
+TEST_F(Study, RecordsWhatEverySplitLearntByLeavingMaterialsOut) {
+  options_.methods = {"a-optimal-map", "a-optimal:pixels:map-stacked"};
+  run(options_);
+  std::istringstream csv(text_of(options_.out / "splits.csv"));
+  std::string line;
+  std::getline(csv, line);
+  EXPECT_EQ(line + "\n", split_header());
+  int lines = 0;
+  while (std::getline(csv, line)) {
+    std::vector<std::string> field;
+    std::istringstream fields(line);
+    for (std::string one; std::getline(fields, one, ',');) field.push_back(one);
+    ASSERT_EQ(field.size(), 7U) << line;
+    EXPECT_EQ(field[0], std::to_string(lines / 3));
+    EXPECT_EQ(field[2], "13") << "of sixteen materials";
+    EXPECT_EQ(field[4].empty(), field[1] == "pseudo-inverse") << "which knows no deviation";
+    EXPECT_GT(field[4].empty() ? 1 : std::stod(field[4]), 0);
+    EXPECT_GT(std::stod(field[6]), 0);
+    ++lines;
+  }
+  EXPECT_EQ(lines, 2 * 3);
+}
+
+TEST_F(Study, HoldsEveryEstimatorToOneRangeOfExponentsUnlessAskedForTheBareOne) {
+  options_.splits = 4;
+  options_.methods = {"paper", "condition:vertices:pseudo-inverse", "paper-map",
+                      "condition:vertices:pseudo-inverse:range=bare",
+                      "condition:vertices:map:range=bare"};
+  run(options_);
+  std::map<std::string, std::vector<double>> error;
+  std::istringstream csv(text_of(options_.out / "study.csv"));
+  std::string line;
+  std::getline(csv, line);
+  while (std::getline(csv, line)) {
+    const StudyRow row = *study_row_from_csv(line);
+    error[row.method].push_back(row.percent_log);
+  }
+  EXPECT_EQ(error.at("paper"), error.at("condition:vertices:pseudo-inverse"));
+  EXPECT_NE(error.at("paper"), error.at("condition:vertices:pseudo-inverse:range=bare"));
+  EXPECT_NE(error.at("paper-map"), error.at("condition:vertices:map:range=bare"));
 }
 
 TEST_F(Study, ShowsSpheresOfTheTruthAndOfItsEstimates) {
