@@ -106,10 +106,7 @@ TEST_F(GrblWire, AfterAStopTheRestOfTheMoveIsNeverDriven) {
 TEST_F(GrblWire, AHomingThatIsStoppedLeavesALampThatIsKnownToBeDark) {
   auto opened = open();
   ASSERT_TRUE(opened) << opened.error().message;
-  std::jthread stopper([&] {
-    while (world_->gantry_status().at_rest) std::this_thread::sleep_for(5ms);
-    stop_.request_stop();
-  });
+  const std::jthread stopper = stops_once_moving(20ms);
   const auto homed = opened->gantry->home(soon(20s));
   ASSERT_FALSE(homed);
   EXPECT_EQ(homed.error().code, ErrorCode::stopped) << homed.error().message;
