@@ -55,6 +55,9 @@ void add_rig_verbs(Verbs& verbs) {
                    "Write the true BRDF here instead of into the session root");
   verb->add_option("--record", simulate_options->record,
                    "At the end write what every exposure really was, a JSON object a line");
+  verb->add_flag("--tell-halts", simulate_options->tell_halts,
+                 "Say when the moving gantry was told to stop, in seconds of this machine's "
+                 "monotonic clock");
   verb->add_option("--seed", simulate_options->seed, "Of the noise, instead of the rig file's");
 
   auto json = std::make_shared<bool>(false);

@@ -122,15 +122,20 @@ class TypedFaults {
 };
 
 // Until a signal ends it; says what strikes as it strikes.
-void run(sim::HostedRig& hosted) {
+void run(sim::HostedRig& hosted, bool tell_halts) {
   TypedFaults typed(hosted);
   bool listening = true;
-  std::size_t told = 0;
+  std::size_t told = 0, halts_told = 0;
   while (!end_was_asked()) {
     pollfd watch{listening ? STDIN_FILENO : -1, POLLIN, 0};
     poll(&watch, 1, beat_ms);
     const std::vector<std::string> struck = hosted.struck();
     for (; told < struck.size(); ++told) tell("fault        " + struck[told]);
+    const std::vector<TimePoint> halts = hosted.world->halts();
+    for (; tell_halts && halts_told < halts.size(); ++halts_told) {
+      const std::chrono::duration<double> at = halts[halts_told].time_since_epoch();
+      tell(fmt::format("halted       {:.6f}", at.count()));
+    }
     if (watch.revents != 0) listening = typed.read_some();
   }
 }
@@ -166,7 +171,7 @@ int simulate(const SimulateOptions& options) {
   const auto truth = write_truth(rig, options.truth);
   if (!truth) return complain(truth.error());
   describe(*hosted, *truth, rig, options.json);
-  run(*hosted);
+  run(*hosted, options.tell_halts);
   hosted->wires.clear();
   if (auto written = write_record(*hosted->world, options.record); !written)
     return complain(written.error());

@@ -121,7 +121,7 @@ int backends(bool json);
 struct SimulateOptions {
   std::string rig, session, faults, truth, record;
   std::optional<std::uint64_t> seed;
-  bool json = false;
+  bool json = false, tell_halts = false;
 };
 /// Hosts the far end of every wire the rig names, until SIGTERM or SIGINT.
 int simulate(const SimulateOptions& options);

@@ -165,7 +165,14 @@ Result<TimePoint> World::start_axis_move(std::size_t axis, double to) {
 
 void World::halt_gantry() {
   const std::lock_guard lock(mutex_);
+  const TimePoint now = clock_.now();
+  if (dynamics_.at(now).moving) halts_.push_back(now);
   halt_locked();
+}
+
+std::vector<TimePoint> World::halts() const {
+  const std::lock_guard lock(mutex_);
+  return halts_;
 }
 
 void World::halt_locked() {

@@ -81,7 +81,8 @@ class World {
   Result<TimePoint> start_axis_move(std::size_t axis, double to);
   /// The same for homing: the gantry is homed once every axis is. When those told so far will rest.
   Result<TimePoint> start_axis_homing(std::size_t axis);
-  void halt_gantry();  ///< decelerates and holds
+  void halt_gantry();                    ///< decelerates and holds
+  std::vector<TimePoint> halts() const;  ///< when a gantry that moved was told so, on the clock
   /// One axis alone; the others go on to where they were going.
   void halt_axis(std::size_t axis);
   Result<void> clear_fault();  ///< Refused while an interlock is open.
@@ -160,6 +161,7 @@ class World {
       requests_;  // (power, exposure): how often since the last command
   std::deque<ExposureRecord> records_;
 
+  std::vector<TimePoint> halts_;
   mutable std::mutex render_mutex_;                  // guards the last image shaded
   std::optional<std::pair<double, Renderer>> seen_;  // the object as turned so far
   struct Shaded {

@@ -211,6 +211,20 @@ TEST(World, AnOpenedDoorHaltsTheMoveWithinItsBrakingDistanceAndForbidsTheNext) {
   EXPECT_TRUE(lab.devices.gantry->move_to(dome_position(0, 0.2), lab.within(60)));
 }
 
+TEST(World, TellsWhenAMovingGantryWasToldToStop) {
+  Lab lab(lab_rig());
+  lab.world->halt_gantry();
+  EXPECT_TRUE(lab.world->halts().empty()) << "it was at rest";
+  ASSERT_TRUE(lab.devices.gantry->home(lab.within(60)));
+  ASSERT_TRUE(lab.world->start_move(dome_position(2.5, 0.2)));
+  lab.wait(1.5);
+  lab.world->halt_gantry();
+  ASSERT_EQ(lab.world->halts().size(), 1U);
+  lab.wait(5);
+  lab.world->halt_gantry();
+  EXPECT_EQ(lab.world->halts().size(), 1U);
+}
+
 TEST(World, AnAlarmStandsUntilItIsCleared) {
   Lab lab(lab_rig());
   ASSERT_TRUE(lab.devices.gantry->home(lab.within(60)));
