@@ -20,6 +20,9 @@ constexpr double enough_channels = 0.5;
 constexpr double tolerable_loss = 0.1;
 /// Relative gain in the criterion for which a reviewed plan is changed.
 constexpr double least_gain = 0.02;
+/// Share of its planned bins that a light must be missing for whatever stands there to be taken to
+/// hide the object, not some bins of it.
+constexpr double hides_all = 0.75;
 /// [rad] 15°: lights as near as this to one that was blocked are blocked by the same thing.
 constexpr double same_shadow = 0.26179938779914943;
 
@@ -76,15 +79,19 @@ CandidateBins bins_left(const Prepared& prepared, const Known& known,
   left.offset.push_back(0);
   for (int i = 0; i < prepared.bins.candidates(); ++i) {
     std::vector<const LightYield*> beside;
+    bool hidden = false;
     for (const LightYield& yield : yields) {
       const LightPosition& lost = light_of(prepared, candidate_of(prepared, yield.shot));
       if (yield.missing > 0 && angle_between(lost, light_of(prepared, i), middle) <= same_shadow) {
         beside.push_back(&yield);
+        // The bins of a neighbour are mostly others, and as hidden as those that were lost.
+        hidden = hidden || yield.missing > hides_all * yield.planned;
       }
     }
     for (const std::int32_t cell : prepared.bins.of(i)) {
-      const bool blocked = std::ranges::any_of(
-          beside, [&](const LightYield* yield) { return yield->absent[place(cell)] != 0; });
+      const bool blocked = hidden || std::ranges::any_of(beside, [&](const LightYield* yield) {
+                             return yield->absent[place(cell)] != 0;
+                           });
       if (!blocked && known.closed[place(cell)] == 0) left.cell.push_back(cell);
     }
     left.offset.push_back(static_cast<std::int64_t>(left.cell.size()));
