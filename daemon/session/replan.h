@@ -54,8 +54,8 @@ bool lost_rows(const LightYield& yield);
 /// % less of what the criterion measures. Bins that were too bright or too dark are counted on no
 /// more, whatever the light; those that were absent not in lights within 15° of the one that lost
 /// them, where the same thing is in the way; and where that light was without three quarters of its
-/// bins, its neighbours are counted on for none at all. A held-out light is never chosen nor replaced, and
-/// none within 10° of one. As many lights as there were: the minutes stay.
+/// bins, its neighbours are counted on for none at all. A held-out light is never chosen nor
+/// replaced, and none within 10° of one. As many lights as there were: the minutes stay.
 std::optional<Replan> replan(const Prepared& prepared, const SessionSpec& spec,
                              std::span<const LightYield> yields, const ReplanQuestion& question,
                              int threads);
