@@ -340,6 +340,14 @@ int PoseFit::motions_seen() const {
   return static_cast<int>((deviation.array() < seen_within).count());
 }
 
+double PoseFit::seen_of(const Vector6& some) const {
+  return (motion.leftCols(motions_seen()).transpose() * some).norm();
+}
+
+double PoseFit::deviation_along(const Vector6& direction) const {
+  return (deviation.asDiagonal() * (motion.transpose() * direction)).norm();
+}
+
 PoseFit fit_pose(const LitPicture& picture, const Mesh& mesh, const Occluder& occluder,
                  const CameraModel& camera, const LightPosition& light, int threads,
                  int most_blocks) {
@@ -382,8 +390,9 @@ PoseFit fit_pose(const LitPicture& picture, const Mesh& mesh, const Occluder& oc
   out.off = judged.norm();
   const Vector6 towards = judged / std::max(out.off, 1e-12);
   out.sure = out.off - std::sqrt(std::max(0.0, towards.dot(spread * towards)));
-  out.turn = unit_turn * (turned * judged.head<3>());
-  out.shift = unit_shift * box.size * (turned * judged.tail<3>());
+  out.judged << turned * judged.head<3>(), turned * judged.tail<3>();
+  out.turn = unit_turn * out.judged.head<3>();
+  out.shift = unit_shift * box.size * out.judged.tail<3>();
   return out;
 }
 
