@@ -279,6 +279,7 @@ Tally run(const std::string& shape, const Options& options) {
       ++tally.false_flags;
       fmt::print("{} case {}: a right pose is flagged, {}\n", shape, i, material.name);
     }
+    std::fflush(stdout);
     if (options.right_only) continue;
     Eigen::Matrix<double, 6, 1> motion = Eigen::Matrix<double, 6, 1>::Zero();
     // Whether it was flagged, missed, or said to be unseen.
