@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <numbers>
 #include <optional>
 #include <thread>
 
@@ -68,6 +69,15 @@ std::string camera_words(const CalibrationRun& run) {
           ? fmt::format("in the rig's frame, by the target in {}", run.used[run.placed->view].name)
           : "in the frame of the target as it lay in the first image used",
       at.x(), at.y(), at.z(), ahead.x(), ahead.y(), ahead.z(), up.x(), up.y(), up.z());
+  if (run.placed) {
+    const RigPose stands = pose_in_rig(c.views[run.placed->view], run.placed->rig_from_target);
+    const Eigen::Vector3d mm = 1000 * stands.eye_sigma;
+    const Eigen::Vector3d degrees = 180 / std::numbers::pi * stands.turn_sigma;
+    words += fmt::format(
+        "standard errors, the target's place taken as exact: eye {:.2g}, {:.2g}, {:.2g} mm; turned "
+        "about x, y, z {:.2g}, {:.2g}, {:.2g}°\n",
+        mm.x(), mm.y(), mm.z(), degrees.x(), degrees.y(), degrees.z());
+  }
   return words;
 }
 

@@ -56,8 +56,10 @@ Json pose_json(const char* name, const Eigen::Isometry3d& camera_from_frame) {
 Json in_rig_json(const TargetInRig& placed, const CameraCalibration& calibration,
                  std::span<const MadeFrom> images) {
   const Eigen::Isometry3d& target = placed.rig_from_target;
-  Json json = pose_json("camera_from_rig",
-                        calibration.views[placed.view].camera_from_target * target.inverse());
+  const RigPose stands = pose_in_rig(calibration.views[placed.view], target);
+  Json json = pose_json("camera_from_rig", stands.camera_from_rig);
+  json["standard_errors"] = {{"eye_m", list_of(stands.eye_sigma)},
+                             {"turn_rad", list_of(stands.turn_sigma)}};
   json["target"] = {{"origin_m", list_of(target.translation())},
                     {"columns", list_of(target.linear().col(0))},
                     {"rows", list_of(target.linear().col(1))}};

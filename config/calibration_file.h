@@ -33,8 +33,8 @@ Result<Eigen::Isometry3d> rig_from_target(const Eigen::Vector3d& origin,
 
 /// What `lightrig calibrate camera` writes (schema "lightrig.camera/1"): date, intrinsics,
 /// distortion, standard errors, residuals and pose of every image, the camera's pose in the rig's
-/// frame where `placed` says where the target lay, and a hash of all of it, so that a file changed
-/// by hand is not taken for a calibration.
+/// frame and its standard errors where `placed` says where the target lay, and a hash of all of it,
+/// so that a file changed by hand is not taken for a calibration.
 std::string camera_calibration_text(const CameraCalibration& calibration,
                                     const CalibrationTarget& target,
                                     std::span<const MadeFrom> images, const std::string& date,

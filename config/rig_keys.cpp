@@ -135,7 +135,7 @@ TableSpec pause_table() {
        .kind = ValueKind::boolean,
        .need = Need::defaulted,
        .fallback = "false",
-       .doc = "Wait for a person before the second light where the first one's pictures show the "
+       .doc = "Wait for a person before the next light once the pictures of two lights show the "
               "object elsewhere than [object] says; else it is journaled and warned of."},
   };
   t.tables = {packet_loss_table(), lamp_drift_table(),

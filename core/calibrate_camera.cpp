@@ -143,6 +143,7 @@ Result<void> judge(std::span<const TargetCorners> views, const Optimum& best,
     for (Eigen::Index k = 0; k < l.residual.size(); k += 2)
       view.worst = std::max(view.worst, std::hypot(l.residual[k], l.residual[k + 1]));
     view.camera_from_target = pose_of(best.turns[i], best.shifts[i]);
+    view.pose_covariance = with_camera;
     view.pose_sigma = with_camera.diagonal().cwiseSqrt();
     out.views.push_back(view);
   }
@@ -204,7 +205,37 @@ Result<void> accept(const CameraCalibration& c) {
   return {};
 }
 
+Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d out;
+  out << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return out;
+}
+
 }  // namespace
+
+RigPose pose_in_rig(const ViewFit& view, const Eigen::Isometry3d& rig_from_target) {
+  RigPose out;
+  out.camera_from_rig = view.camera_from_target * rig_from_target.inverse();
+  const Eigen::AngleAxisd turn(view.camera_from_target.linear());
+  const Eigen::Matrix3d axis = cross(turn.axis());
+  const double a = turn.angle();
+  // Of a turn vector φ changed by dφ the camera turns by J dφ more, J the left Jacobian of SO(3):
+  // 1 + (1 − cos a)/a [n]× + (1 − sin a/a) [n]×².
+  Eigen::Matrix3d onwards = Eigen::Matrix3d::Identity();
+  if (a > 1e-9) onwards += (1 - std::cos(a)) / a * axis + (1 - std::sin(a) / a) * axis * axis;
+  // eye = −Rᵀt, so that d eye = −Rᵀ (dt + [t]× δ) for R turned by δ.
+  const Eigen::Matrix3d rig_from_camera = out.camera_from_rig.linear().transpose();
+  Eigen::Matrix<double, 6, 6> by = Eigen::Matrix<double, 6, 6>::Zero();
+  by.topLeftCorner<3, 3>() = rig_from_camera * onwards;
+  by.bottomLeftCorner<3, 3>() =
+      -rig_from_camera * cross(view.camera_from_target.translation()) * onwards;
+  by.bottomRightCorner<3, 3>() = -rig_from_camera;
+  const Eigen::Matrix<double, 6, 1> sigma =
+      (by * view.pose_covariance * by.transpose()).diagonal().cwiseMax(0).cwiseSqrt();
+  out.turn_sigma = sigma.head<3>();
+  out.eye_sigma = sigma.tail<3>();
+  return out;
+}
 
 Result<CameraCalibration> calibrate_camera(std::span<const TargetCorners> views, int width,
                                            int height) {

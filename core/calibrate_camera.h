@@ -17,6 +17,7 @@ struct ViewFit {
   double rms = 0, worst = 0;  ///< [px] of the corners' distances from where the model has them
   Eigen::Isometry3d camera_from_target = Eigen::Isometry3d::Identity();
   Eigen::Matrix<double, 6, 1> pose_sigma;  ///< standard errors: turn [rad] ×3, shift [m] ×3
+  Eigen::Matrix<double, 6, 6> pose_covariance = Eigen::Matrix<double, 6, 6>::Zero();  ///< of these
 };
 
 struct CameraCalibration {
@@ -29,6 +30,18 @@ struct CameraCalibration {
   double tilt_spread = 0;  ///< [rad] greatest angle between two views' target normals
   std::vector<ViewFit> views;
 };
+
+/// Where a camera stands in the rig, with standard errors.
+struct RigPose {
+  Eigen::Isometry3d camera_from_rig = Eigen::Isometry3d::Identity();
+  Eigen::Vector3d eye_sigma = Eigen::Vector3d::Zero();   ///< [m] along the rig's axes
+  Eigen::Vector3d turn_sigma = Eigen::Vector3d::Zero();  ///< [rad] about the rig's axes
+};
+
+/// The camera's pose by an image of a target whose place in the rig is known. The errors are those
+/// of the corners found and the lens fitted; how well the target's place was measured is the
+/// caller's to know.
+RigPose pose_in_rig(const ViewFit& view, const Eigen::Isometry3d& rig_from_target);
 
 /// Intrinsics, distortion and poses that fit the corners best [Zhang 2000; OpenCV calibrateCamera],
 /// with standard errors from the residuals and the normal matrix at the optimum. Refused

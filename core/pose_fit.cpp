@@ -40,8 +40,9 @@ constexpr int fewest_blocks = 300;                      // lit …
 // … and of the object in the picture: lit from behind, rims and grazing highlights are all there is
 // to see, and the reflectance there is anybody's guess.
 constexpr double least_lit = 0.3;
-constexpr double rim_error = 0.05;  // [px] by which every rim may seem to lie farther out: how
-                                    // bright a surface is at grazing view, nobody knows
+constexpr double rim_error = 0.1;  // [px] by which every rim may seem to lie farther out: how
+                                   // bright a surface is at grazing view, nobody knows. As found of
+                                   // tori of many materials, alike at all lights
 constexpr int coarse_iterations = 3, iterations = 10;
 constexpr int parts = 12;  // across the picture, for the scatter
 
@@ -340,6 +341,14 @@ int PoseFit::motions_seen() const {
   return static_cast<int>((deviation.array() < seen_within).count());
 }
 
+double PoseFit::seen_of(const Vector6& some) const {
+  return (motion.leftCols(motions_seen()).transpose() * some).norm();
+}
+
+double PoseFit::deviation_along(const Vector6& direction) const {
+  return (deviation.asDiagonal() * (motion.transpose() * direction)).norm();
+}
+
 PoseFit fit_pose(const LitPicture& picture, const Mesh& mesh, const Occluder& occluder,
                  const CameraModel& camera, const LightPosition& light, int threads,
                  int most_blocks) {
@@ -382,8 +391,9 @@ PoseFit fit_pose(const LitPicture& picture, const Mesh& mesh, const Occluder& oc
   out.off = judged.norm();
   const Vector6 towards = judged / std::max(out.off, 1e-12);
   out.sure = out.off - std::sqrt(std::max(0.0, towards.dot(spread * towards)));
-  out.turn = unit_turn * (turned * judged.head<3>());
-  out.shift = unit_shift * box.size * (turned * judged.tail<3>());
+  out.judged << turned * judged.head<3>(), turned * judged.tail<3>();
+  out.turn = unit_turn * out.judged.head<3>();
+  out.shift = unit_shift * box.size * out.judged.tail<3>();
   return out;
 }
 

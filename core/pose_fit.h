@@ -36,8 +36,14 @@ struct PoseFit {
                            ///< over area covered
   double unexplained = 1;  ///< [0, 1] share of the lit blocks that look unlike the model as found
   int blocks = 0;          ///< of pixels, lit, that were compared
+  /// Turn, then shift, in units: `turn` and `shift` as a vector of length `off`.
+  Eigen::Matrix<double, 6, 1> judged = Eigen::Matrix<double, 6, 1>::Zero();
 
   int motions_seen() const;  ///< of the six: known to a third of a unit
+  /// How much of a motion (turn, shift) [units] lies along those seen [units].
+  double seen_of(const Eigen::Matrix<double, 6, 1>& motion) const;
+  /// Standard error along a unit motion [units]; near 1: not seen.
+  double deviation_along(const Eigen::Matrix<double, 6, 1>& direction) const;
 };
 
 /// The pose at which the model looks most like the picture. What the surface does with light is not

@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "daemon/session/pose_check.h"
+#include "daemon/session/pose_opinion.h"
 
 namespace lightrig {
 namespace {
@@ -82,11 +83,14 @@ std::optional<Alongside::Answer> Alongside::replan(ReplanQuestion question,
 Result<Alongside::PoseSeen> Alongside::wait_for_pose(const std::string& shot,
                                                      const Patience& patience) {
   std::unique_lock lock(mutex_);
-  const bool known =
-      wait(lock, patience, [&] { return pose_ && (pose_of_ == shot || !pose_wanted_); });
+  const bool known = wait(lock, patience, [&] {
+    return pose_failed_ || (!looks_.empty() && (looked_at_.back() == shot || !pose_wanted_));
+  });
   if (!known) return fail(ErrorCode::stopped, "looking for the object's pose was stopped");
-  if (!*pose_) return tl::unexpected(pose_->error());
-  return PoseSeen{**pose_, pose_of_};
+  if (pose_failed_) return tl::unexpected(*pose_failed_);
+  const PoseOpinion held = opinion(looks_);
+  return PoseSeen{looks_[held.by], looked_at_[held.by], held.decided,
+                  held.second ? looked_at_[*held.second] : std::string()};
 }
 
 bool Alongside::pose_is_settled() const {
@@ -129,9 +133,13 @@ void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& 
   if (judge) {
     const Result<PoseFit> pose = check_pose(rig_, prepared_, folder_, shot);
     lock.lock();
-    pose_ = pose;
-    pose_of_ = shot.name;
-    pose_wanted_ = pose && !pose->told;
+    if (pose) {
+      looks_.push_back(*pose);
+      looked_at_.push_back(shot.name);
+    } else {
+      pose_failed_ = pose.error();
+    }
+    pose_wanted_ = pose && !opinion(looks_).decided;
     last_done_ = std::chrono::steady_clock::now();
     changed_.notify_all();
     lock.unlock();

@@ -30,7 +30,7 @@ class Alongside {
   Alongside& operator=(const Alongside&) = delete;
 
   /// Begins, once the dark frames are known. With `judge_pose` shots are looked at for the object's
-  /// pose, before anything else, until one has told it.
+  /// pose, before anything else, until opinion() is decided.
   void start(std::vector<StoredFrame> darks, bool judge_pose);
   void add(CapturedShot shot);
 
@@ -53,11 +53,14 @@ class Alongside {
     Replan changes;
   };
   std::optional<Answer> replan(ReplanQuestion question, const Patience& patience);
-  /// How the object lies, by the first shot added that tells it, or, where none up to the shot of
-  /// this name does, by that; waits for it. Errors: stopped, and those of reading the frames.
+  /// How the object lies, by the shots added that it takes to decide on it, or, where those up to
+  /// the shot of this name do not, by these; waits for it. Errors: stopped, and those of reading
+  /// the frames.
   struct PoseSeen {
     PoseFit fit;
-    std::string shot;  ///< that it was judged by
+    std::string shot;       ///< that it was judged by
+    bool decided = false;   ///< see PoseOpinion
+    std::string agreed_by;  ///< the shot that agrees that the pose is wrong, or ""
   };
   Result<PoseSeen> wait_for_pose(const std::string& shot, const Patience& patience);
   /// Whether a shot has told how the object lies, or looking for it has failed: nobody would wait.
@@ -90,8 +93,9 @@ class Alongside {
   std::optional<ReplanQuestion> question_;
   std::optional<Answer> answer_;
   bool pose_wanted_ = false;
-  std::optional<Result<PoseFit>> pose_;
-  std::string pose_of_;  ///< the shot that it was judged by
+  std::vector<PoseFit> looks_;          ///< at the pose so far …
+  std::vector<std::string> looked_at_;  ///< … by the shots of these names
+  std::optional<Error> pose_failed_;
   std::jthread thread_;  ///< last: it uses all of the above
 };
 

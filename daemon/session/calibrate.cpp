@@ -150,7 +150,7 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
     if (!view) return tl::unexpected(view.error());
     run.placed->view = *view;
     run.calibration.model.camera_from_world =
-        run.calibration.views[*view].camera_from_target * run.placed->rig_from_target.inverse();
+        pose_in_rig(run.calibration.views[*view], run.placed->rig_from_target).camera_from_rig;
   }
   run.text = camera_calibration_text(run.calibration, target, run.used, utc_now(), run.placed);
   return run;

@@ -265,8 +265,8 @@ Result<void> CaptureRun::collect_shot() {
   return {};
 }
 
-/// Once a session, by its first light that tells, lamp dark and before the next shines: where the
-/// object does not lie as modelled, a person says whether to go on.
+/// Once a session, by the lights that it takes to decide, lamp dark and before the next shines:
+/// where the object does not lie as modelled, a person says whether to go on.
 Result<void> CaptureRun::look_at_pose(bool more_to_come) {
   if (captured_.shots.empty()) return {};
   // Where nobody is to be waited for, neither is the look: it goes on while lights are captured.
@@ -277,8 +277,8 @@ Result<void> CaptureRun::look_at_pose(bool more_to_come) {
     const std::string& shot = captured_.shots.back().name;
     const auto pose = alongside_.wait_for_pose(shot, patience());
     if (!pose && hand_.stop_requested()) return tl::unexpected(pose.error());
-    if (pose && !pose->fit.told && more_to_come) return {};  // the next light may show more
-    Json fields = pose ? pose_fields(pose->fit, pose->shot, waits)
+    if (pose && !pose->decided && more_to_come) return {};  // the next light may show more
+    Json fields = pose ? pose_fields(pose->fit, pose->shot, waits, pose->agreed_by)
                        : Json{{"name", shot}, {"told", false}, {"reason", pose.error().message}};
     if (auto noted = note("pose", std::move(fields)); !noted) return noted;
     pose_ = {!pose || pose->fit.told,

@@ -1,6 +1,7 @@
 #include "daemon/session/pose_check.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
@@ -180,7 +181,8 @@ std::string pose_reason(const PoseFit& pose, bool waits) {
   return "the object does not lie where [object] has it: it looks " + in_words(pose) + remedy;
 }
 
-nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot, bool waits) {
+nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot, bool waits,
+                                   const std::string& agreed_by) {
   nlohmann::ordered_json fields{{"name", shot}, {"told", pose.told}};
   if (!pose.told) return fields;
   fields["as_modelled"] = !wrong(pose);
@@ -193,7 +195,26 @@ nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot,
   fields["motions_seen"] = pose.motions_seen();
   fields["unseen"] = unseen_motions(pose);
   if (wrong(pose)) fields["reason"] = pose_reason(pose, waits);
+  if (!agreed_by.empty()) fields["agreed_by"] = agreed_by;
   return fields;
+}
+
+std::string pose_warning(const JournalEvent& event) {
+  const std::string at = "At " + event.fields.value("name", std::string()) + ": ";
+  const std::string agreed = event.fields.value("agreed_by", std::string());
+  if (event.fields.contains("reason"))
+    return at + event.fields.value("reason", std::string()) +
+           (agreed.empty() ? "" : " (" + agreed + " shows the same)");
+  if (!event.fields.value("told", false))
+    return "No light showed how the object lies: `lightrig snap --overlay` does.";
+  const auto unseen = event.fields.value("unseen", std::vector<std::string>());
+  if (unseen.empty()) return {};
+  return at + fmt::format(
+                  "the object lies as modelled as far as this light shows. It does not show {}: an "
+                  "object off "
+                  "by that alone goes unnoticed, unless it looks the same then. `lightrig snap "
+                  "--overlay` shows it.",
+                  fmt::join(unseen, ", nor "));
 }
 
 PoseStanding pose_standing(std::span<const JournalEvent> events) {

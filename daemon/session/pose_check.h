@@ -46,9 +46,12 @@ Result<PoseFit> check_pose(const Rig& rig, const Prepared& prepared, const Sessi
 inline constexpr double worst_unexplained = 0.3;
 
 inline bool unlike_model(const PoseFit& pose) { return pose.unexplained > worst_unexplained; }
+/// [units] of PoseFit::sure
+inline double tolerated(const PoseFit& pose) {
+  return pose_tolerance + doubt_per_unexplained * std::max(0.0, pose.unexplained - explained_well);
+}
 inline bool wrong(const PoseFit& pose) {
-  const double doubt = doubt_per_unexplained * std::max(0.0, pose.unexplained - explained_well);
-  return pose.told && (pose.sure > pose_tolerance + doubt || unlike_model(pose));
+  return pose.told && (pose.sure > tolerated(pose) || unlike_model(pose));
 }
 
 /// The motions that the picture cannot show, in the frame of the mesh, best seen first: "a turn
@@ -63,8 +66,13 @@ std::string in_words(const PoseFit& pose);
 /// ([pause] wrong_pose), or goes on.
 std::string pose_reason(const PoseFit& pose, bool waits);
 
-/// Fields of the journal's event "pose".
-nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot, bool waits);
+/// Fields of the journal's event "pose". `agreed_by`: the second shot that says it is wrong, or "".
+nlohmann::ordered_json pose_fields(const PoseFit& pose, const std::string& shot, bool waits,
+                                   const std::string& agreed_by = "");
+
+/// What a report's reader is told of the event "pose": the reason of a wrong one, or which motions
+/// no light showed; "" where there is nothing to say.
+std::string pose_warning(const JournalEvent& event);
 
 /// What a journal says of the pose. A shot that was taken back has to be looked at anew.
 struct PoseStanding {

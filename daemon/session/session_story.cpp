@@ -9,6 +9,7 @@
 
 #include "daemon/session/black_pixels.h"
 #include "daemon/session/held_out.h"
+#include "daemon/session/pose_check.h"
 
 namespace lightrig {
 namespace {
@@ -67,9 +68,8 @@ std::vector<std::string> warnings_of(const SessionRecord& record, const Prepared
     lines.push_back(remark);
   }
   for (const JournalEvent& event : record.events)
-    if (event.event == "pose" && event.fields.contains("reason"))
-      lines.push_back("At " + event.fields.value("name", std::string()) + ": " +
-                      event.fields.value("reason", std::string()));
+    if (event.event == "pose")
+      if (std::string said = pose_warning(event); !said.empty()) lines.push_back(std::move(said));
   if (!result.absolute_scale) {
     lines.emplace_back(
         "The scale is nominal: it rests on the lamp strength and sensor response written in the "

@@ -101,6 +101,40 @@ TEST(CalibrateCamera, FindsTheTruthWithinThreeStandardErrorsIn99Of100Runs) {
   EXPECT_NEAR(mean_square, 1, 0.25);  // the errors stated are neither too large nor too small
 }
 
+TEST(CalibrateCamera, TheCamerasPlaceInTheRigIsAsFarOffAsItsStandardErrorsSay) {
+  const CameraModel truth = true_camera(1);
+  const std::vector<Eigen::Isometry3d> poses = views(12);
+  Eigen::Isometry3d rig_from_target = Eigen::Isometry3d::Identity();
+  rig_from_target.rotate(Eigen::AngleAxisd(2.1, Eigen::Vector3d(1, 2, -1).normalized()));
+  rig_from_target.pretranslate(Eigen::Vector3d(0.3, -0.2, 0.1));
+  const std::size_t view = 4;
+  const Eigen::Isometry3d rig_from_camera = rig_from_target * poses[view].inverse();
+  constexpr int runs = 40;
+  Eigen::Vector3d eye = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
+  for (unsigned seed = 1; seed <= runs; ++seed) {
+    std::mt19937 random(1000 + seed);
+    std::vector<TargetCorners> found;
+    for (const Eigen::Isometry3d& pose : poses)
+      found.push_back(corners_of(truth, pose, random, 0.05));
+    const auto calibration = calibrate_camera(found, truth.width, truth.height);
+    ASSERT_TRUE(calibration) << calibration.error().message;
+    const RigPose stands = pose_in_rig(calibration->views[view], rig_from_target);
+    const Eigen::Isometry3d seen = stands.camera_from_rig.inverse();
+    const Eigen::Vector3d off = seen.translation() - rig_from_camera.translation();
+    const Eigen::AngleAxisd by(seen.linear() * rig_from_camera.linear().transpose());
+    eye += off.cwiseQuotient(stands.eye_sigma).cwiseAbs2() / runs;
+    turn +=
+        Eigen::Vector3d(by.angle() * by.axis()).cwiseQuotient(stands.turn_sigma).cwiseAbs2() / runs;
+  }
+  // The mean of 40 squares of standard normals is within 0.4 and 2 in all but one case of 10 000.
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    EXPECT_GT(eye[i], 0.4) << i;
+    EXPECT_LT(eye[i], 2) << i;
+    EXPECT_GT(turn[i], 0.4) << i;
+    EXPECT_LT(turn[i], 2) << i;
+  }
+}
+
 // A hundred such runs of each kind, with lenses of their own: bench/calibration_runs.
 TEST(CalibrateCamera, OfRenderedTargetsFindsTheTruthToATenthOfAPixelAndThreeStandardErrors) {
   const CameraModel truth = true_camera(0.75);

@@ -5,10 +5,12 @@
 
 #include <cmath>
 #include <fstream>
+#include <random>
 #include <regex>
 #include <set>
 
 #include "config/read_rig.h"
+#include "core/shapes.h"
 #include "daemon/session/calibrate.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/frame_file.h"
@@ -126,6 +128,46 @@ TEST(Rigs, LeaveOutAndCountWhatWouldTouchHideOrDazzle) {
     }
   }
   EXPECT_GT(clear, 50);
+}
+
+TEST(Rigs, OnATurntableNoAcceptedWayMeetsTheTurnedObjectAtAnyOfTenThousandPoses) {
+  const Scratch scratch;
+  std::ofstream(scratch.path() / "rig.toml") << small_copy("turntable_arm_bayer", scratch.path());
+  const auto rig = read_rig(scratch.path() / "rig.toml");
+  ASSERT_TRUE(rig.value) << to_text(rig.diagnostics);
+  const GantryModel& model = rig.value->gantry.model;
+  const Eigen::Vector3d centre = std::get<TurntableKinematics>(model.kinematics).centre;
+  // Far off the axis, where the lamp swings past once in a turn.
+  Mesh object = make_sphere(0.06, 1);
+  object.vertices.colwise() += centre + Eigen::Vector3d(0.7, 0, 0.25);
+  const Obstacles obstacles = obstacles_of(*rig.value, &object);
+  std::mt19937 random(5);
+  const auto anywhere = [&] {
+    GantryPosition position;
+    position.axes.resize(2);
+    for (std::size_t i = 0; i < 2; ++i)
+      position.axes[static_cast<Eigen::Index>(i)] =
+          std::uniform_real_distribution<double>(model.axes[i].min, model.axes[i].max)(random);
+    return position;
+  };
+  int poses = 0, refused = 0;
+  while (poses < 10000) {
+    const GantryPosition from = anywhere(), to = anywhere();
+    if (!obstacle_on_the_way(*rig.value, obstacles, from, to).empty()) {
+      ASSERT_LT(++refused, 10000);
+      continue;
+    }
+    for (int k = 0; k <= 20; ++k, ++poses) {
+      GantryPosition here;
+      here.axes = from.axes + (to.axes - from.axes) * (k / 20.0);
+      const Eigen::AngleAxisd turn(here.axes[0], Eigen::Vector3d::UnitZ());
+      std::vector<Solid> points;
+      for (Eigen::Index i = 0; i < object.vertices.cols(); i += 40)
+        points.push_back(Ball{centre + turn * (object.vertices.col(i) - centre), 0});
+      ASSERT_GT(clearance(model, obstacles.body, here, points).distance, obstacles.margin);
+    }
+  }
+  EXPECT_GT(refused, 50);
 }
 
 TEST(WhiteReference, OfADiffuseTargetFindsTheLampsTrueStrength) {

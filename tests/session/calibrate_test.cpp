@@ -1,0 +1,160 @@
+// From pictures of a board in a folder to a rig file that knows where its camera stands.
+#include "daemon/session/calibrate.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <random>
+
+#include "config/read_rig.h"
+#include "daemon/session/durable_file.h"
+#include "daemon/session/frame_file.h"
+#include "tests/core/target_scene.h"
+#include "tests/paths.h"
+#include "tests/session/scratch.h"
+
+namespace lightrig {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+CalibrationTarget board() {
+  CalibrationTarget target;
+  target.columns = 7;
+  target.rows = 5;
+  target.square = 0.03;
+  target.marker = 0.022;
+  return target;
+}
+
+CameraModel true_camera() {
+  CameraModel camera;
+  camera.width = 480;
+  camera.height = 360;
+  camera.fx = 610;
+  camera.fy = 608;
+  camera.cx = 241;
+  camera.cy = 178;
+  camera.distortion = {-0.12, 0.03, 0, 0, 0};
+  return camera;
+}
+
+/// The board lies on the table, its upper left corner at (−0.1, 0.07, 0.002), its upper edge along
+/// +x, its left edge along −y: face up.
+BoardPlace as_it_lay(fs::path image = {}) {
+  return {std::move(image), {-0.1, 0.07, 0.002}, {1, 0, 0}, {0, -1, 0}};
+}
+
+/// Pictures of a board in a folder: first.png with nothing in it, then seven of the board.
+class Pictures : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<Scratch>();
+    const CameraModel camera = true_camera();
+    constexpr int pixels_per_square = 160;
+    const GreyImage texture = target_image(board(), pixels_per_square).value();
+    const test::Sights sights(camera);
+    std::mt19937_64 random(8);
+    test::TargetPicture how;
+    how.noise = 1;
+    store("first.png",
+          {camera.width, camera.height, std::vector<std::uint8_t>(std::size_t{480} * 360, 90)});
+    poses_ = test::drawn_views(camera, board(), 7, true, random);
+    for (std::size_t i = 0; i < poses_.size(); ++i)
+      store("view" + std::to_string(i) + ".png",
+            test::picture_of_target(sights, poses_[i], texture, board(), pixels_per_square, how,
+                                    random));
+  }
+  static void TearDownTestSuite() { folder_.reset(); }
+
+  static void store(const std::string& name, const GreyImage& image) {
+    const auto png = encode_png(image.width, image.height, 1, image.pixels);
+    ASSERT_TRUE(png && write_durably(folder_->path() / name, *png));
+    files_.push_back(folder_->path() / name);
+  }
+  /// Those of the board alone.
+  static std::vector<fs::path> good() { return {files_.begin() + 1, files_.end()}; }
+
+  static inline std::unique_ptr<Scratch> folder_;
+  static inline std::vector<fs::path> files_;
+  static inline std::vector<Eigen::Isometry3d> poses_;
+};
+
+TEST_F(Pictures, OfAPlacedBoardTellARigFileWhereItsCameraStands) {
+  const auto run = calibrate_camera_from(good(), board(), as_it_lay(files_[3]));
+  ASSERT_TRUE(run) << run.error().message;
+  EXPECT_TRUE(run->skipped.empty());
+  EXPECT_EQ(run->placed->view, 2U);
+  const fs::path sealed = folder_->path() / "camera.json";
+  ASSERT_TRUE(write_durably(sealed, run->text));
+
+  std::ifstream in(fs::path(test::source_dir) / "config/rigs/dome_mono.toml");
+  std::string text{std::istreambuf_iterator<char>(in), {}};
+  const auto line = [&](const std::string& key, const std::string& instead) {
+    const auto at = text.find("\n" + key + " =");
+    if (at != std::string::npos) text.replace(at + 1, text.find('\n', at + 1) - at - 1, instead);
+  };
+  line("fx_px", "calibration = \"" + sealed.string() + "\"");
+  for (const char* key : {"fy_px", "cx_px", "cy_px", "eye_m", "target_m", "up"}) line(key, "");
+  line("width_px", "width_px = 480");
+  line("height_px", "height_px = 360");
+  const auto rig =
+      read_rig_text(text, fs::path(test::source_dir) / "config/rigs/dome_calibrated.toml");
+  ASSERT_TRUE(rig.value) << to_text(rig.diagnostics);
+
+  // What the pictures were rendered from, and where the board was said to lie.
+  Eigen::Isometry3d rig_from_target = Eigen::Isometry3d::Identity();
+  rig_from_target.linear() << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  rig_from_target.translation() << -0.1, 0.07, 0.002;
+  const Eigen::Isometry3d truth = rig_from_target * poses_[2].inverse();
+  const Eigen::Isometry3d stands = rig.value->camera.model.camera_from_world.inverse();
+  const auto in_rig = nlohmann::json::parse(run->text).at("in_rig");
+  EXPECT_EQ(in_rig.at("image"), "view2.png");
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const double sigma =
+        in_rig.at("standard_errors").at("eye_m").at(static_cast<std::size_t>(i)).get<double>();
+    EXPECT_GT(sigma, 1e-6);
+    EXPECT_LT(sigma, 3e-3);
+    EXPECT_LT(std::abs(stands.translation()[i] - truth.translation()[i]), 4 * sigma) << i;
+  }
+  EXPECT_GT(stands.translation().z(), 0) << "above the table that the board lies on, face up";
+  EXPECT_LT(Eigen::AngleAxisd(stands.linear() * truth.linear().transpose()).angle(), 0.01);
+}
+
+TEST_F(Pictures, WithoutTheBoardArePassedOverAndSaidUnlessTheBoardWasMeasuredInThem) {
+  const auto run = calibrate_camera_from(files_, board());
+  ASSERT_TRUE(run) << run.error().message;
+  EXPECT_THAT(run->skipped, testing::ElementsAre(HasSubstr("first.png")));
+  EXPECT_EQ(run->used.size(), 7U);
+  EXPECT_FALSE(nlohmann::json::parse(run->text).contains("in_rig"));
+  // The place was measured for the first picture, which shows nothing: no other may stand in.
+  const auto first = calibrate_camera_from(files_, board(), as_it_lay());
+  ASSERT_FALSE(first);
+  EXPECT_THAT(first.error().message,
+              testing::AllOf(HasSubstr("first.png"), HasSubstr("in which it was not found")));
+  const auto named = calibrate_camera_from(files_, board(), as_it_lay(files_[1]));
+  ASSERT_TRUE(named) << named.error().message;
+  EXPECT_EQ(named->placed->view, 0U);
+}
+
+TEST_F(Pictures, AWrongBoardImageIsRefused) {
+  const auto run = calibrate_camera_from(good(), board(), as_it_lay("elsewhere.png"));
+  ASSERT_FALSE(run);
+  EXPECT_THAT(run.error().message,
+              testing::AllOf(HasSubstr("elsewhere.png"), HasSubstr("none of the pictures")));
+}
+
+TEST_F(Pictures, ACheckerboardCannotBePlaced) {
+  CalibrationTarget checkerboard = board();
+  checkerboard.kind = CalibrationTarget::Kind::checkerboard;
+  const auto run = calibrate_camera_from(good(), checkerboard, as_it_lay());
+  ASSERT_FALSE(run);
+  EXPECT_THAT(run.error().message, HasSubstr("looks alike from both of its ends"));
+}
+
+}  // namespace
+}  // namespace lightrig
