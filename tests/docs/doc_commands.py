@@ -65,7 +65,7 @@ NOT_RUN = {
         "lightrig devices /etc/lightrig/rig.toml": "opens real devices, and fails where there are none",
     },
     "simulate.md": {
-        "lightrig simulate RIG [SESSION] [--fault FILE] [--truth FILE] [--record FILE] [--seed N] [--json]":
+        "lightrig simulate RIG [SESSION] [--fault FILE] [--truth FILE] [--record FILE] [--seed N] [--tell-halts] [--json]":
             ("tests/cli/wire_session_test.cpp", "exec {} simulate {} --json --record"),
         "lightrig simulate config/wire_modbus_tcp.toml": ("tests/cli/wire_session_test.cpp", "exec {} simulate {} --json --record"),
         "lightrigd --rig config/wire_modbus_tcp.toml --socket /tmp/rig.sock": ("tests/cli/wire_session_test.cpp", "--rig {} {} --socket {}"),
