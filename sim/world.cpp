@@ -165,8 +165,6 @@ Result<TimePoint> World::start_axis_move(std::size_t axis, double to) {
 
 void World::halt_gantry() {
   const std::lock_guard lock(mutex_);
-  const TimePoint now = clock_.now();
-  if (dynamics_.at(now).moving) halts_.push_back(now);
   halt_locked();
 }
 
@@ -179,6 +177,7 @@ void World::halt_locked() {
   const TimePoint now = clock_.now();
   forget_unfinished_homing(now);
   if (!dynamics_.at(now).moving) return;
+  halts_.push_back(now);
   gantry_commanded();
   dynamics_.halt(now);
 }

@@ -82,7 +82,7 @@ class World {
   /// The same for homing: the gantry is homed once every axis is. When those told so far will rest.
   Result<TimePoint> start_axis_homing(std::size_t axis);
   void halt_gantry();                    ///< decelerates and holds
-  std::vector<TimePoint> halts() const;  ///< when a gantry that moved was told so, on the clock
+  std::vector<TimePoint> halts() const;  ///< when a moving gantry was halted, by whomever
   /// One axis alone; the others go on to where they were going.
   void halt_axis(std::size_t axis);
   Result<void> clear_fault();  ///< Refused while an interlock is open.

@@ -112,7 +112,11 @@ class Job {
         options_(options),
         lights_(lights),
         rig_(rig),
-        watch_(scene.object, split.index, result_.costs) {}
+        watch_(scene.object, split.index, result_.costs) {
+    // Once for all splits.
+    if (split.index == 0)
+      result_.costs.push_back({scene.object, split.index, "bins", scene.seconds, peak_memory()});
+  }
 
   void run(const MethodSpec& method) {
     using Lights = MethodSpec::Lights;
@@ -154,8 +158,9 @@ class Job {
     watch_.lap("other");
     Chosen chosen = choose(truncated(whole, k), bins(method),
                            condition ? Criterion::condition : Criterion::a_optimal, most(), 1);
-    if (!condition) condition_of_paper(method, chosen);
     watch_.lap("plan " + method.name);
+    if (!condition) condition_of_paper(method, chosen);
+    watch_.lap("other");
     return chosen_.emplace(key, chosen).first->second;
   }
 

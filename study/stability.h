@@ -15,7 +15,7 @@ struct StabilityCase {
   double value = 0;           ///< lightrig's
   double relative_error = 0;  ///< |value − reference| / |reference|; 0 where both are infinite
   std::optional<double> naive;  ///< what the textbook formula in double precision gives, computed
-                                ///< here; empty where there is no such formula
+                                ///< here; empty where there is none to go wrong
   double tolerance = 0;         ///< of relative_error
   bool pass = false;
 };

@@ -57,6 +57,22 @@ double cells_from_behind(bool distant) {
           .bins.cell.size());
 }
 
+/// Points of the ball that a half vector above their horizon is enough for, whether or not they
+/// face the light.
+double points_by_half_vector(bool distant) {
+  const Mesh ball = make_sphere(1.0, 1);
+  double count = 0;
+  for (const double aside : {0.0, 1e-12, 1e-3}) {
+    const Eigen::Vector3d d = Eigen::Vector3d(aside, 0, -1).normalized();
+    for (Eigen::Index i = 0; i < ball.vertices.cols(); ++i) {
+      const Eigen::Vector3d n = ball.normals.col(i), v = Eigen::Vector3d::UnitZ();
+      const Eigen::Vector3d l = distant ? d : (3 * d - ball.vertices.col(i)).normalized();
+      count += n.dot(v) > 0 && n.dot((l + v).normalized()) > 0 ? 1 : 0;
+    }
+  }
+  return count;
+}
+
 /// How many cells a light shows in only one of two.
 double differences(const CandidateBins& a, const CandidateBins& b) {
   double count = 0;
@@ -150,6 +166,16 @@ double naive_mean(std::span<const Frame> frames, const SensorModel& model) {
   return sum / static_cast<double>(frames.size());
 }
 
+/// The variance of that mean by the signal alone, whatever was saturated.
+double naive_variance(std::span<const Frame> frames, const SensorModel& model) {
+  double sum = 0;
+  for (const Frame& frame : frames) {
+    sum += model.gain * (static_cast<double>(frame.counts.counts[0]) - model.black_level) /
+           (frame.exposure * frame.exposure);
+  }
+  return sum / static_cast<double>(frames.size() * frames.size());
+}
+
 SensorModel sensor() {
   SensorModel model;
   model.bits = 16;
@@ -214,7 +240,7 @@ std::vector<StabilityCase> geometry_cases() {
     cases.push_back(
         judged("geometry",
                fmt::format("{} lights behind the object: no cell", distant ? "distant" : "near"), 0,
-               cells_from_behind(distant), no_naive, 0));
+               cells_from_behind(distant), points_by_half_vector(distant), 0));
   }
   Mesh broken = make_sphere(1.0, 1);
   const Eigen::Index t = broken.triangles.cols(), v = broken.vertices.cols();
@@ -231,14 +257,15 @@ std::vector<StabilityCase> geometry_cases() {
   broken.triangles.col(t + 3) =
       Eigen::Vector3i(broken.triangles(0, 0), broken.triangles(1, 0), n + 1);  // a fin
   const RepairedMesh mended = repaired(broken);
+  const double as_they_come = 0;  // a loader that takes what is there drops and says nothing
   cases.push_back(judged("geometry", "degenerate triangles dropped", 1,
-                         mended.repairs.degenerate_triangles, no_naive, 0));
+                         mended.repairs.degenerate_triangles, as_they_come, 0));
   cases.push_back(judged("geometry", "duplicated triangles dropped", 1,
-                         mended.repairs.duplicate_triangles, no_naive, 0));
+                         mended.repairs.duplicate_triangles, as_they_come, 0));
   cases.push_back(judged("geometry", "vertices that are not numbers dropped", 1,
-                         mended.repairs.non_finite_vertices, no_naive, 0));
+                         mended.repairs.non_finite_vertices, as_they_come, 0));
   cases.push_back(judged("geometry", "non-manifold edges said", 1,
-                         mended.repairs.non_manifold_edges, no_naive, 0));
+                         mended.repairs.non_manifold_edges, as_they_come, 0));
   cases.push_back(judged("geometry", "a body with a fin is not taken for convex", 0,
                          Occluder(mended.mesh).convex() ? 1 : 0, no_naive, 0));
   const Mesh ball = make_sphere(1.0, 1);
@@ -269,10 +296,14 @@ std::vector<StabilityCase> material_cases() {
   cases.push_back(
       judged("materials", "extreme values: a basis is made", 1, basis ? 1 : 0, no_naive, 0));
   if (!basis) return cases;
+  Eigen::ArrayXXd plain_log(grid.cells(), static_cast<Eigen::Index>(materials.size()));
+  for (std::size_t m = 0; m < materials.size(); ++m)
+    plain_log.col(static_cast<Eigen::Index>(m)) = materials[m].table.f.col(0).log();
   cases.push_back(judged("materials", "and all of it is finite", 1,
-                         basis->V.allFinite() && basis->mean.allFinite() ? 1 : 0, no_naive, 0));
+                         basis->V.allFinite() && basis->mean.allFinite() ? 1 : 0,
+                         plain_log.isFinite().all() ? 1 : 0, 0));
   cases.push_back(judged("materials", "a cell that is not a number is masked", 0, basis->valid[7],
-                         no_naive, 0));
+                         1, 0));  // a table is taken as it comes
   const Eigen::Index k = basis->components();
   const Eigen::MatrixXd VtV = basis->V.transpose() * basis->V;
   cases.push_back(judged("materials", "components orthonormal: |V'V - I| + 1", 1,
@@ -322,13 +353,13 @@ std::vector<StabilityCase> bracket_cases() {
   cases.push_back(judged(
       "bracket", "every frame saturated: said, with infinite variance", infinity,
       three && three->site[0] == RadianceImage::Site::saturated ? double{three->variance[0]} : 0,
-      no_naive, 0));
+      naive_variance(white, model), 0));
   const std::vector<Frame> black = {frame_of(100, 1e-3), frame_of(100, 1.0)};
   const Result<RadianceImage> four = merge_hdr(black, {}, model, {});
   const bool said = four && four->site[0] == RadianceImage::Site::dark &&
                     std::isfinite(four->L[0]) && four->L[0] >= 0;
   cases.push_back(judged("bracket", "every frame black: said, with a finite upper bound", 1,
-                         said ? 1 : 0, no_naive, 0));
+                         said ? 1 : 0, naive_mean(black, model) > 0 ? 1 : 0, 0));
   // Two honest exposures: the inverse-variance mean, shot and read noise as modelled.
   const std::vector<double> rate = {2000.0 / 0.01, 19900.0 / 0.1};
   const double level = 1.99e5;

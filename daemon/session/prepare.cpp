@@ -204,10 +204,17 @@ Result<void> bin(const Rig& rig, const SessionSpec& spec, bool brute_force, Prep
       static_cast<int>(layout.unusable.size()) - left_out.candidates_unreachable;
   prepared.candidates = std::move(layout.candidates);
   prepared.unusable = std::move(layout.unusable);
-  const bool every_ray = brute_force && spec.plan.shadows != ShadowRays::none;
+  // The plain reference looks at every point by itself; without shadows, as if nothing cast one.
+  std::shared_ptr<const Occluder> standing = prepared.occluder;
+  if (brute_force && spec.plan.shadows == ShadowRays::none) {
+    Mesh nothing = prepared.object.mesh;
+    nothing.triangles.setZero(3, 1);
+    prepared.occluder = std::make_shared<const Occluder>(nothing);
+  }
   BinningResult binned =
-      bin_views(rig, spec, prepared, every_ray ? ShadowRays::all : spec.plan.shadows,
+      bin_views(rig, spec, prepared, brute_force ? ShadowRays::all : spec.plan.shadows,
                 thread_count(), clock.patience());
+  prepared.occluder = std::move(standing);
   clock.done("bins");
   prepared.bins = std::move(binned.bins);
   left_out.binning = binned.statistics;
