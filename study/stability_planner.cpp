@@ -66,6 +66,11 @@ double naive_condition(const Eigen::MatrixXd& G) {
   return eigen.eigenvalues()[G.cols() - 1] / eigen.eigenvalues()[0];
 }
 
+/// Trace of the posterior over coefficients of unit prior and noise.
+double naive_trace(const Eigen::MatrixXd& G) {
+  return (Eigen::MatrixXd::Identity(G.cols(), G.cols()) + G.transpose() * G).inverse().trace();
+}
+
 /// Eigenvalues of GᵀG that are not zero.
 double naive_rank(const Eigen::MatrixXd& G) {
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(G.transpose() * G,
@@ -267,6 +272,33 @@ std::vector<int> greedy(const Eigen::MatrixXd& V, const std::vector<std::vector<
   return chosen;
 }
 
+/// The loop as first written: as many lights as there are, whatever they add, and the least score
+/// as numpy's argmin finds it, to which what is no number is the least.
+std::vector<int> plain_loop(const Eigen::MatrixXd& V,
+                            const std::vector<std::vector<std::int32_t>>& of,
+                            double (*score)(const Eigen::MatrixXd&)) {
+  std::vector<int> chosen;
+  std::vector<std::int32_t> cells;
+  while (chosen.size() < of.size()) {
+    double best = infinity;
+    std::vector<std::int32_t> best_cells;
+    int light = -1;
+    for (int i = 0; i < static_cast<int>(of.size()); ++i) {
+      if (std::ranges::count(chosen, i) > 0) continue;
+      std::vector<std::int32_t> with;
+      std::ranges::set_union(cells, of[static_cast<std::size_t>(i)], std::back_inserter(with));
+      const double value = score(V(with, Eigen::all));
+      if (light >= 0 && (std::isnan(best) || value >= best)) continue;
+      best = value;
+      best_cells = std::move(with);
+      light = i;
+    }
+    chosen.push_back(light);
+    cells = std::move(best_cells);
+  }
+  return chosen;
+}
+
 /// Which lights are chosen where every choice is stiff: twelve that show 20 of 60 rows each, each
 /// of them twice, and four short of rank, whose naive ratio may be negative and so the least.
 std::vector<StabilityCase> choice_cases() {
@@ -317,12 +349,15 @@ std::vector<StabilityCase> planner_cases() {
     const auto plan = [&](const std::vector<std::vector<std::int32_t>>& cells) {
       return select(basis, bins_of(basis.grid, cells), false, criterion);
     };
-    add("no candidate: no light", 0, count_of(plan({})));
-    add("candidates that see nothing: no light", 0, count_of(plan({{}, {}, {}})));
-    add("all lights alike: one is taken", 1,
-        count_of(plan({range(0, 20), range(0, 20), range(0, 20)})));
-    add("all lights alike: the first", 0,
-        plan({range(0, 20), range(0, 20), range(0, 20)}).lights.at(0).candidate);
+    const auto plain = [&](const std::vector<std::vector<std::int32_t>>& cells) {
+      return plain_loop(basis.V, cells, kappa ? naive_condition : naive_trace);
+    };
+    add("no candidate: no light", 0, count_of(plan({})), double(plain({}).size()));
+    const std::vector<std::vector<std::int32_t>> nothing(3), alike(3, range(0, 20));
+    add("candidates that see nothing: no light", 0, count_of(plan(nothing)),
+        double(plain(nothing).size()));
+    add("all lights alike: one is taken", 1, count_of(plan(alike)), double(plain(alike).size()));
+    add("all lights alike: the first", 0, plan(alike).lights.at(0).candidate, plain(alike).at(0));
     const Selection point = plan({{5}, {}, {5}});
     add("one point: rank 1", 1, point.lights.at(0).rank, naive_rank(basis.V.row(5)));
     add("one point: infinite condition", infinity, point.lights.at(0).condition,
