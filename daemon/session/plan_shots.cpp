@@ -1,5 +1,7 @@
 #include "daemon/session/plan_shots.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
