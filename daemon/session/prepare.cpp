@@ -214,7 +214,10 @@ Result<void> bin(const Rig& rig, const SessionSpec& spec, bool brute_force, Prep
   BinningResult binned =
       bin_views(rig, spec, prepared, brute_force ? ShadowRays::all : spec.plan.shadows,
                 thread_count(), clock.patience());
-  prepared.occluder = std::move(standing);
+  if (prepared.occluder != standing) {  // rays against nothing are none
+    binned.statistics.rays_left_out += std::exchange(binned.statistics.rays_cast, 0);
+    prepared.occluder = std::move(standing);
+  }
   clock.done("bins");
   prepared.bins = std::move(binned.bins);
   left_out.binning = binned.statistics;

@@ -247,9 +247,14 @@ TEST(Prepare, BruteForceAsksForTheShadowOfEveryLitPoint) {
   EXPECT_EQ(all.rays_left_out, 0);
   EXPECT_EQ(all.rays_cast, all.points_tested);
   spec.plan.shadows = ShadowRays::none;
-  const auto unshaded = prepare(rig, spec, true);
-  ASSERT_TRUE(unshaded);
-  EXPECT_EQ(unshaded->plan.left_out.binning.rays_cast, 0);
+  const auto unshaded = prepare(rig, spec, true), quick = prepare(rig, spec);
+  ASSERT_TRUE(unshaded && quick);
+  const BinningStatistics& none = unshaded->plan.left_out.binning;
+  EXPECT_EQ(none.rays_cast, 0);
+  EXPECT_EQ(none.rays_left_out, none.points_tested) << "every point was looked at by itself";
+  EXPECT_EQ(none.passed_over, 0);
+  EXPECT_EQ(unshaded->bins.cell, quick->bins.cell);
+  EXPECT_NE(unshaded->bins.cell, plain->bins.cell);
 }
 
 TEST(Prepare, PredictsTheErrorAfterEveryStepOfTheWay) {
