@@ -82,7 +82,7 @@ Values joined(const LitPicture& picture, const PoseBlocks& blocks) {
 class Search {
  public:
   Search(const PoseRenderer& renderer, const Box& box, const Eigen::Matrix3d& world_from_camera,
-         const Values& values);
+         const Values& values, const std::stop_token& stop);
 
   void run(const PosePicture& modelled);
   /// What the picture says of the units: their inverse covariance, from the scatter of the score.
@@ -113,6 +113,7 @@ class Search {
   const Box& box_;
   const Eigen::Matrix3d world_from_camera_;
   const Values& values_;
+  const std::stop_token& stop_;
   double floor_ = 0;  // variance of what nothing can say
   double doubt_ = coarse_error;
   double brightness_ = 0;  // about f in the units of the shares
@@ -127,8 +128,13 @@ class Search {
 };
 
 Search::Search(const PoseRenderer& renderer, const Box& box,
-               const Eigen::Matrix3d& world_from_camera, const Values& values)
-    : renderer_(renderer), box_(box), world_from_camera_(world_from_camera), values_(values) {}
+               const Eigen::Matrix3d& world_from_camera, const Values& values,
+               const std::stop_token& stop)
+    : renderer_(renderer),
+      box_(box),
+      world_from_camera_(world_from_camera),
+      values_(values),
+      stop_(stop) {}
 
 Eigen::Isometry3d Search::motion(const Vector6& at) const {
   const Eigen::Vector3d turn = unit_turn * (world_from_camera_ * at.head<3>());
@@ -214,8 +220,8 @@ void Search::differentiate() {
   const Eigen::VectorXf f = surface_.cast<float>();
   std::uint32_t grain = 1;
   for (Eigen::MatrixXd* jacobian : {&jacobian_, &again_}) {
-    jacobian->resize(values_.value.size(), 6);
-    for (Eigen::Index k = 0; k < 6; ++k) {
+    jacobian->setZero(values_.value.size(), 6);
+    for (Eigen::Index k = 0; k < 6 && !stop_.stop_requested(); ++k) {
       const Vector6 step = steps[k] * Vector6::Unit(k);
       const Eigen::VectorXf ahead = rendered(units_ + step, grain).shares * f;
       const Eigen::VectorXf behind = rendered(units_ - step, grain).shares * f;
@@ -262,7 +268,7 @@ void Search::descend(double doubt, int most) {
   doubt_ = doubt;
   solve_surface(3);
   project_out();
-  for (int i = 0; i < most; ++i) {
+  for (int i = 0; i < most && !stop_.stop_requested(); ++i) {
     Vector6 move = step();
     move *= std::min(1.0, longest_step / std::max(move.norm(), 1e-12));
     units_ += move;
@@ -351,7 +357,7 @@ double PoseFit::deviation_along(const Vector6& direction) const {
 
 PoseFit fit_pose(const LitPicture& picture, const Mesh& mesh, const Occluder& occluder,
                  const CameraModel& camera, const LightPosition& light, int threads,
-                 int most_blocks) {
+                 int most_blocks, const std::stop_token& stop) {
   PoseFit out;
   const PoseRenderer renderer(mesh, occluder, camera, light, most_blocks, threads);
   if (renderer.blocks().count() < fewest_blocks) return out;
@@ -365,8 +371,9 @@ PoseFit fit_pose(const LitPicture& picture, const Mesh& mesh, const Occluder& oc
   if (lit < fewest_blocks || static_cast<double>(lit) < least_lit * whole ||
       !(values.value.maxCoeff() > 0))
     return out;
-  Search search(renderer, box, camera.camera_from_world.linear().transpose(), values);
+  Search search(renderer, box, camera.camera_from_world.linear().transpose(), values, stop);
   search.run(modelled);
+  if (stop.stop_requested()) return out;
   out.unexplained = search.unexplained(modelled);
   out.told = true;
   out.overlap = shared_area(modelled.covered, search.here().covered);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <stop_token>
 #include <vector>
 
 #include "core/camera_model.h"
@@ -46,15 +47,17 @@ struct PoseFit {
   double deviation_along(const Eigen::Matrix<double, 6, 1>& direction) const;
 };
 
+inline constexpr int most_pose_blocks = 9000;
+
 /// The pose at which the model looks most like the picture. What the surface does with light is not
 /// known and is found with it, a free function of θh, its runs with θd and cos 2φd held loosely: so
 /// that only where things are counts, not how bright. Gauss–Newton on the picture rendered with
 /// shadows, robustly weighted [Huber 1964], the reflectance projected out [Golub & Pereyra 1973];
 /// the covariance from the scatter of the score over parts of the picture [White 1980], since what
 /// the model lacks is alike from block to block. Pictures are joined to blocks, about
-/// `most_blocks`.
+/// `most_blocks`. What it returns once it was told to stop says nothing.
 PoseFit fit_pose(const LitPicture& picture, const Mesh& mesh, const Occluder& occluder,
                  const CameraModel& camera, const LightPosition& light, int threads,
-                 int most_blocks = 9000);
+                 int most_blocks = most_pose_blocks, const std::stop_token& stop = {});
 
 }  // namespace lightrig

@@ -14,6 +14,12 @@ namespace {
 
 constexpr std::chrono::milliseconds beat{200};
 constexpr std::chrono::minutes longest_silence{5};  ///< between two things got done
+constexpr int nice_alongside = 10;
+
+// On Linux a nice value is a thread's own. Without the right to it, things go on as they were.
+void set_nice(int tid, int value) {
+  (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(tid), value);
+}
 
 }  // namespace
 
@@ -49,8 +55,27 @@ std::vector<CurvePoint> Alongside::curve() const {
   return curve_;
 }
 
+/// While somebody waits, nobody's work is to go before: on a busy machine the session would wait
+/// for everybody else's. Under the mutex.
+class Alongside::Hurry {
+ public:
+  explicit Hurry(int tid) : tid_(tid) {
+    if (tid_ != 0) set_nice(tid_, ::getpriority(PRIO_PROCESS, static_cast<id_t>(::gettid())));
+  }
+  ~Hurry() {
+    if (tid_ != 0) set_nice(tid_, nice_alongside);
+  }
+  Hurry(const Hurry&) = delete;
+  Hurry& operator=(const Hurry&) = delete;
+
+ private:
+  int tid_;
+};
+
 template <class Ready>
 bool Alongside::wait(std::unique_lock<std::mutex>& lock, const Patience& patience, Ready ready) {
+  if (ready()) return true;
+  const Hurry hurry(tid_);
   while (!changed_.wait_for(lock, patience.stop, beat, ready)) {
     if (patience.stop.stop_requested()) return false;
     if (std::chrono::steady_clock::now() - last_done_ > longest_silence) continue;
@@ -105,15 +130,17 @@ std::string Alongside::take_problem() {
 
 void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks) {
   // One thread: the motion leaves time enough, and neither the session thread nor an ABORT may wait
-  // for a core that does arithmetic. On Linux a nice value is a thread's own; without the right to
-  // it, things go on as they were.
-  (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), 10);
-  Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks),
-                      {.threads = 1, .beat = [this] { got_on(); }});
+  // for a core that does arithmetic.
+  set_nice(::gettid(), nice_alongside);
   std::unique_lock lock(mutex_);
+  tid_ = ::gettid();
+  lock.unlock();
+  Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks),
+                      {.threads = 1, .patience = {stop, [this] { got_on(); }}});
+  lock.lock();
   while (changed_.wait(lock, stop, [this] { return !queue_.empty() || question_.has_value(); })) {
     if (stop.stop_requested()) return;
-    queue_.empty() ? answer(lock) : reduce_next(reduction, lock);
+    queue_.empty() ? answer(lock) : reduce_next(reduction, stop, lock);
     last_done_ = std::chrono::steady_clock::now();
     changed_.notify_all();
   }
@@ -124,15 +151,17 @@ void Alongside::got_on() {
   last_done_ = std::chrono::steady_clock::now();
 }
 
-void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& lock) {
+void Alongside::reduce_next(Reduction& reduction, const std::stop_token& stop,
+                            std::unique_lock<std::mutex>& lock) {
   const CapturedShot shot = std::move(queue_.front());
   queue_.pop_front();
   working_ = true;
   const bool judge = pose_wanted_;
   lock.unlock();
   if (judge) {
-    const Result<PoseFit> pose = check_pose(rig_, prepared_, folder_, shot);
+    const Result<PoseFit> pose = check_pose(rig_, prepared_, folder_, shot, stop);
     lock.lock();
+    if (stop.stop_requested()) return;
     if (pose) {
       looks_.push_back(*pose);
       looked_at_.push_back(shot.name);
@@ -160,6 +189,7 @@ void Alongside::reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& 
   }
   lock.lock();
   working_ = false;
+  if (stop.stop_requested()) return;  // what was given up is no failure
   if (point) {
     latest_ = *point;
     // A held-out light makes the point before it known better.

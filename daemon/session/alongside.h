@@ -24,7 +24,8 @@ class Alongside {
  public:
   Alongside(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
             const SessionFolder& folder);
-  /// Ends the thread after the shot it is at; what is queued is left.
+  /// Ends the thread within a stage (a frame, a merge, a fit) of the shot it is at; that and what
+  /// is queued is left.
   ~Alongside();
   Alongside(const Alongside&) = delete;
   Alongside& operator=(const Alongside&) = delete;
@@ -39,7 +40,8 @@ class Alongside {
   /// The estimates so far, one per fitted light in the order they were added.
   std::vector<CurvePoint> curve() const;
 
-  // Who waits is told several times a second that they do, as long as the thread gets something
+  // Who waits lends the thread its own priority, where that is allowed (CAP_SYS_NICE, RLIMIT_NICE),
+  // and is told several times a second that they do, as long as the thread gets something
   // done (a frame read, a merge, a fit) at least every five minutes. A resumed session brings its
   // whole queue at once.
 
@@ -71,7 +73,9 @@ class Alongside {
  private:
   void run(const std::stop_token& stop, std::vector<StoredFrame> darks);
   void got_on();
-  void reduce_next(Reduction& reduction, std::unique_lock<std::mutex>& lock);
+  class Hurry;
+  void reduce_next(Reduction& reduction, const std::stop_token& stop,
+                   std::unique_lock<std::mutex>& lock);
   void answer(std::unique_lock<std::mutex>& lock);
   template <class Ready>
   bool wait(std::unique_lock<std::mutex>& lock, const Patience& patience, Ready ready);
@@ -84,6 +88,7 @@ class Alongside {
   std::condition_variable_any changed_;
   std::deque<CapturedShot> queue_;
   bool working_ = false;
+  int tid_ = 0;  ///< of the thread, once it runs
   std::chrono::steady_clock::time_point last_done_ = std::chrono::steady_clock::now();
   bool failed_ = false;
   std::string problem_;

@@ -106,7 +106,8 @@ double extent_in_picture(const Mesh& mesh, const CameraModel& camera) {
 }
 
 Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
-                           std::span<const Frame> lit, std::span<const Frame> dark) {
+                           std::span<const Frame> lit, std::span<const Frame> dark,
+                           const std::stop_token& stop) {
   const Shot& planned = prepared.plan.shots[static_cast<std::size_t>(shot)];
   const CameraModel camera = camera_at(rig.gantry.model, rig.camera.model, planned.gantry);
   const SensorModel& sensor = rig.camera.sensor;
@@ -123,20 +124,25 @@ Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
   }
   const OneColour seen = clearest_colour(*image, ambient ? &*ambient : nullptr, sensor, camera);
   PoseFit fit = fit_pose(seen.picture, prepared.object.mesh, *prepared.occluder, seen.camera,
-                         planned.light, 1);
+                         planned.light, 1, most_pose_blocks, stop);
+  if (stop.stop_requested())
+    return fail(ErrorCode::stopped, "look for the object's pose: stopped on request");
   if (fit.motions_seen() < fewest_motions && !unlike_model(fit)) fit.told = false;
   return fit;
 }
 
 Result<PoseFit> check_pose(const Rig& rig, const Prepared& prepared, const SessionFolder& folder,
-                           const CapturedShot& shot) {
+                           const CapturedShot& shot, const std::stop_token& stop) {
   std::vector<Frame> lit, dark;
   for (const StoredFrame& stored : shot.frames) {
+    if (stop.stop_requested()) break;
     auto frame = read_frame(folder.root / stored.file);
     if (!frame) return tl::unexpected(frame.error());
     (stored.role == "ambient" ? dark : lit).push_back(std::move(*frame));
   }
-  return judge_pose(rig, prepared, shot.index, lit, dark);
+  if (stop.stop_requested())
+    return fail(ErrorCode::stopped, "look for the object's pose: stopped on request");
+  return judge_pose(rig, prepared, shot.index, lit, dark, stop);
 }
 
 std::vector<std::string> unseen_motions(const PoseFit& pose) {

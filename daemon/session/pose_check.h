@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <span>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -33,13 +34,14 @@ double extent_in_picture(const Mesh& mesh, const CameraModel& camera);
 /// Whether the object lies as [object] has it, from the frames of a shot of the plan: those lit by
 /// its light, and the ones taken in the dark (may be empty). Not told where the object is small in
 /// the picture or hardly lit, or shows fewer motions than `fewest_motions`. Errors: those of
-/// merging.
+/// merging, and stopped.
 Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
-                           std::span<const Frame> lit, std::span<const Frame> dark);
+                           std::span<const Frame> lit, std::span<const Frame> dark,
+                           const std::stop_token& stop = {});
 
 /// The same of a captured shot's own frames. Errors: those of reading them too.
 Result<PoseFit> check_pose(const Rig& rig, const Prepared& prepared, const SessionFolder& folder,
-                           const CapturedShot& shot);
+                           const CapturedShot& shot, const std::stop_token& stop = {});
 
 /// Where more than this share of what is lit looks unlike the model in any pose nearby, the object
 /// is another one, or lies far off.

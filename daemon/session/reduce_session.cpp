@@ -211,7 +211,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   if (auto made = make_folder(radiance); !made) return tl::unexpected(made.error());
 
   Reduction reduction(record->rig, record->spec, *prepared, record->folder, record->darks,
-                      ReductionOptions{threads, *reference, radiance, true, patience.beat});
+                      ReductionOptions{threads, *reference, radiance, true, patience});
   auto curve = reduce_shots(*record, reduction, stop, told);
   if (!curve) return tl::unexpected(curve.error());
 

@@ -59,12 +59,13 @@ Result<Frame> read_journaled(const SessionFolder& folder, const StoredFrame& sto
 // The files named, in order; `threads` files are decoded at a time.
 Result<std::vector<Frame>> read_frames(const SessionFolder& folder,
                                        const std::vector<StoredFrame>& stored, int threads,
-                                       const std::function<void()>& read_one) {
-  std::vector<Result<Frame>> read(stored.size(), fail(ErrorCode::not_found, "not read"));
+                                       const Patience& patience) {
+  std::vector<Result<Frame>> read(stored.size(), fail(ErrorCode::stopped, "stopped on request"));
   const auto read_some = [&](std::size_t first, std::size_t stride) {
     for (std::size_t i = first; i < stored.size(); i += stride) {
+      if (patience.stop.stop_requested()) return;
       read[i] = read_journaled(folder, stored[i]);
-      read_one();
+      patience.tell();
     }
   };
   const auto stride = static_cast<std::size_t>(std::max(1, threads));
@@ -130,8 +131,11 @@ struct Reduction::State {
   std::vector<StageCost> cost;
   std::optional<Error> trouble;
 
-  void tell() const {
-    if (options.beat) options.beat();
+  void tell() const { options.patience.tell(); }
+  Result<void> go_on() const {
+    if (options.patience.stop.stop_requested())
+      return fail(ErrorCode::stopped, "stopped on request");
+    return {};
   }
   Result<RadianceImage> merge(const std::vector<StoredFrame>& stored);
   void extract_shot(const CapturedShot& shot, const RadianceImage& image,
@@ -148,13 +152,12 @@ struct Reduction::State {
 // Reads and merges frames of one kind; the darks are read once, when first needed.
 Result<RadianceImage> Reduction::State::merge(const std::vector<StoredFrame>& stored) {
   Stopwatch reading("read frames", cost);
-  const auto read_one = [this] { tell(); };
   if (!darks) {
-    auto read = read_frames(folder, stored_darks, options.threads, read_one);
+    auto read = read_frames(folder, stored_darks, options.threads, options.patience);
     if (!read) return tl::unexpected(with_context("dark frames", read.error()));
     darks = std::move(*read);
   }
-  const auto frames = read_frames(folder, stored, options.threads, read_one);
+  const auto frames = read_frames(folder, stored, options.threads, options.patience);
   if (!frames) return tl::unexpected(frames.error());
   reading.stop();
   Stopwatch merging("merge", cost);
@@ -281,6 +284,7 @@ Result<void> Reduction::add(const CapturedShot& shot) {
   }
   auto radiances = s.merge_shot(shot);
   if (!radiances) return tl::unexpected(with_context(doing, radiances.error()));
+  if (auto on = s.go_on(); !on) return tl::unexpected(with_context(doing, on.error()));
   const auto& [image, ambient] = *radiances;
   const CameraModel& camera = s.rig->camera.model;
   if (image.width != camera.width || image.height != camera.height) {
@@ -343,6 +347,11 @@ void Reduction::State::look_again(std::vector<BrdfObservations>& extracted) {
 
 CurvePoint Reduction::estimate() {
   State& s = *state_;
+  const auto stopped = [&] {
+    if (auto on = s.go_on(); !on) s.trouble = on.error();
+    return s.trouble.has_value();
+  };
+  if (stopped()) return {};
   std::vector<BrdfObservations> extracted = s.measured;
   const auto doubted = [](const BrdfObservations& light) { return !light.doubtful.empty(); };
   if (std::ranges::any_of(extracted, doubted)) {
@@ -352,6 +361,7 @@ CurvePoint Reduction::estimate() {
       if (doubted(light)) light = without_dark(light);
     s.fit_to(bright);
     s.look_again(extracted);
+    if (stopped()) return {};
   }
   const std::size_t lights = s.fit_to(extracted);
 

@@ -38,7 +38,8 @@ struct ReductionOptions {
   std::optional<Reference> reference = {};  ///< curve points state the true error against it
   std::filesystem::path radiance = {};      ///< folder for merged radiance images; "" writes none
   bool pictures = false;                    ///< keep what the pictures of a report are made from
-  std::function<void()> beat = {};  ///< as Patience's: each frame read, merge, extraction, fit
+  Patience patience = {};  ///< told of each frame read, merge, extraction and fit; stopped, add()
+                           ///< says so, and estimate() by trouble()
 };
 
 /// One shot's way to samples, as far as reports need it.
@@ -63,15 +64,16 @@ class Reduction {
   Reduction(Reduction&&) noexcept;
   Reduction& operator=(Reduction&&) noexcept;
 
-  /// Merges and extracts one captured shot. Errors: those of reading frames and merging; the shot
-  /// then counts as never added.
+  /// Merges and extracts one captured shot. Errors: those of reading frames and merging, and
+  /// stopped; the shot then counts as never added.
   Result<void> add(const CapturedShot& shot);
 
   /// Fit over all fitted lights added so far. The held-out figure is there once a held-out light
   /// was added.
   CurvePoint estimate();
   /// Why an estimate() could not look at a shot again whose pixels it doubted: a frame that was
-  /// read before cannot be any more. What it returned then stands on less than it should.
+  /// read before cannot be any more; or that it was stopped. What it returned then stands on less
+  /// than it should.
   const std::optional<Error>& trouble() const;
 
   /// Observations added so far, in order of addition; refined by the last estimate() [refine.h].

@@ -53,7 +53,7 @@ struct Scene {
     light.p = Eigen::Vector3d(0.25, -0.5, 0.57);
   }
 
-  PoseFit seen(const Eigen::Isometry3d& motion) {
+  PoseFit seen(const Eigen::Isometry3d& motion, const std::stop_token& stop = {}) {
     Mesh moved = mesh;
     moved.vertices = (motion.linear() * moved.vertices).colwise() + motion.translation();
     moved.normals = motion.linear() * moved.normals;
@@ -67,7 +67,7 @@ struct Scene {
       picture.value.push_back(static_cast<float>(electrons + std::sqrt(variance) * normal(random)));
       picture.variance.push_back(static_cast<float>(variance));
     }
-    return fit_pose(picture, mesh, *occluder, camera, light, 1);
+    return fit_pose(picture, mesh, *occluder, camera, light, 1, most_pose_blocks, stop);
   }
 
   Mesh mesh;
@@ -152,6 +152,13 @@ TEST(PoseCheck, ADarkPictureIsNotJudgedAndAnotherObjectIsUnlikeTheModel) {
                         std::vector<float>(160 * 120, 12)};
   EXPECT_FALSE(fit_pose(dark, scene.mesh, *scene.occluder, scene.camera, scene.light, 1).told);
   EXPECT_TRUE(wrong(scene.seen(turned(90 * degree, {0, 0, 1}))));
+}
+
+TEST(PoseCheck, SaysNothingOnceToldToStop) {
+  Scene scene(make_teapot(1, 1), "polystyrene-maroon");
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_FALSE(scene.seen(turned(5 * degree, {1, 0, 0}), stop.get_token()).told);
 }
 
 /// A look that sees all motions but the last `unseen`, each to a tenth of a unit, and finds the

@@ -56,6 +56,33 @@ TEST(Reduction, BringsAKnownMaterialBackFromItsFrames) {
   EXPECT_LT(*point.held_out_error_percent, *point.true_error_percent * 3);
 }
 
+// An ABORT's session is over when the light in hand is given up, not when it is reduced.
+TEST(Reduction, GivesUpTheLightInHandWhenToldToStop) {
+  const Scratch scratch;
+  LittleLab lab(scratch.path());
+  lab.plan({1, 7, 11, 16});
+  std::stop_source stop;
+  int beats = 0, last = 1000;
+  ReductionOptions options;
+  options.patience = {stop.get_token(), [&] {
+                        if (++beats == last) stop.request_stop();
+                      }};
+  Reduction reduction(lab.rig, lab.spec, lab.prepared, lab.folder(), {}, options);
+  ASSERT_TRUE(reduction.add(lab.capture(0, unknown.reflectance(), bracket)));
+  reduction.estimate();
+  EXPECT_FALSE(reduction.trouble());
+  last = beats + 1;  // the next light's first frame
+  const auto added = reduction.add(lab.capture(1, unknown.reflectance(), bracket));
+  ASSERT_FALSE(added);
+  EXPECT_EQ(added.error().code, ErrorCode::stopped);
+  EXPECT_EQ(reduction.shots().size(), 1);
+  EXPECT_EQ(beats, last) << "something was done after it";
+  reduction.estimate();
+  ASSERT_TRUE(reduction.trouble());
+  EXPECT_EQ(reduction.trouble()->code, ErrorCode::stopped);
+  EXPECT_EQ(beats, last);
+}
+
 TEST(Reduction, GivesEveryChannelOfAMosaicItsOwnValue) {
   const Scratch scratch;
   LittleLab lab(scratch.path(), ColorFilter::bayer_grbg);
