@@ -37,6 +37,8 @@ struct PoseFit {
                            ///< over area covered
   double unexplained = 1;  ///< [0, 1] share of the lit blocks that look unlike the model as found
   int blocks = 0;          ///< of pixels, lit, that were compared
+  int seen_but_for_rims = 0;  ///< of the six: known to a third of a unit if rims lay exactly where
+                              ///< they seem to
   /// Turn, then shift, in units: `turn` and `shift` as a vector of length `off`.
   Eigen::Matrix<double, 6, 1> judged = Eigen::Matrix<double, 6, 1>::Zero();
 
@@ -47,7 +49,7 @@ struct PoseFit {
   double deviation_along(const Eigen::Matrix<double, 6, 1>& direction) const;
 };
 
-inline constexpr int most_pose_blocks = 9000;
+inline constexpr int most_pose_blocks = 36000;
 
 /// The pose at which the model looks most like the picture. What the surface does with light is not
 /// known and is found with it, a free function of θh, its runs with θd and cos 2φd held loosely: so

@@ -127,7 +127,7 @@ Result<PoseFit> judge_pose(const Rig& rig, const Prepared& prepared, int shot,
                          planned.light, 1, most_pose_blocks, stop);
   if (stop.stop_requested())
     return fail(ErrorCode::stopped, "look for the object's pose: stopped on request");
-  if (fit.motions_seen() < fewest_motions && !unlike_model(fit)) fit.told = false;
+  if (fit.seen_but_for_rims < fewest_motions && !unlike_model(fit)) fit.told = false;
   return fit;
 }
 
