@@ -2,34 +2,11 @@
 
 #include <gtest/gtest.h>
 
-#include "core/half_diff.h"
+#include "bins_by_hand.h"
 #include "planner_scene.h"
 
 namespace lightrig {
 namespace {
-
-/// Bins by the angles themselves, one shadow ray per lit point: no lookup, no batching.
-std::vector<std::int32_t> bins_by_hand(const SurfacePoints& points, const LightPosition& light,
-                                       const BivariateGrid& grid, const GrazingLimits& limits,
-                                       const Occluder& occluder, bool shadows) {
-  std::vector<std::uint8_t> filled(static_cast<std::size_t>(grid.cells()), 0);
-  for (Eigen::Index i = 0; i < points.size(); ++i) {
-    const Eigen::Vector3d n = points.normal.col(i), v = points.view.col(i);
-    const Eigen::Vector3d l = light.direction_from(points.position.col(i));
-    const double cos_i = n.dot(l), cos_o = n.dot(v);
-    if (cos_i <= 0 || cos_i < limits.min_cos_i || cos_o < limits.min_cos_o) continue;
-    if ((l + v).norm() == 0) continue;
-    const HalfDiff angles = half_diff(n, l, v);
-    if (angles.theta_d > limits.max_theta_d) continue;
-    if (shadows && occluder.blocked(points.position.col(i), n, light)) continue;
-    filled[static_cast<std::size_t>(cell_of(grid, angles))] = 1;
-  }
-  std::vector<std::int32_t> cells;
-  for (std::size_t c = 0; c < filled.size(); ++c) {
-    if (filled[c] != 0) cells.push_back(static_cast<std::int32_t>(c));
-  }
-  return cells;
-}
 
 struct View {
   Mesh mesh;
@@ -69,7 +46,7 @@ TEST(BinCandidates, EqualTheBinsOfTheAnglesThemselves) {
                            shadows ? ShadowRays::needed : ShadowRays::none, 1);
         for (std::size_t i = 0; i < lights.size(); ++i) {
           const auto expected =
-              bins_by_hand(view.points, lights[i], grid, limits, view.occluder, shadows);
+              test::bins_by_hand(view.points, lights[i], grid, limits, view.occluder, shadows);
           const auto found = result.bins.of(static_cast<int>(i));
           ASSERT_EQ(std::vector<std::int32_t>(found.begin(), found.end()), expected) << i;
         }

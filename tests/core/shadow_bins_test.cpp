@@ -8,35 +8,12 @@
 #include <string>
 #include <vector>
 
+#include "bins_by_hand.h"
 #include "core/candidate_bins.h"
-#include "core/half_diff.h"
 #include "planner_scene.h"
 
 namespace lightrig {
 namespace {
-
-/// By the angles themselves, and a shadow ray for every lit point whatever the object.
-std::vector<std::int32_t> bins_by_hand(const SurfacePoints& points, const LightPosition& light,
-                                       const GrazingLimits& limits, const Occluder& occluder) {
-  const BivariateGrid grid;
-  std::vector<std::uint8_t> filled(static_cast<std::size_t>(grid.cells()), 0);
-  for (Eigen::Index i = 0; i < points.size(); ++i) {
-    const Eigen::Vector3d n = points.normal.col(i), v = points.view.col(i);
-    const Eigen::Vector3d l = light.direction_from(points.position.col(i));
-    const double cos_i = n.dot(l), cos_o = n.dot(v);
-    if (cos_i <= 0 || cos_i < limits.min_cos_i || cos_o < limits.min_cos_o) continue;
-    if ((l + v).norm() == 0) continue;
-    const HalfDiff angles = half_diff(n, l, v);
-    if (angles.theta_d > limits.max_theta_d) continue;
-    if (occluder.blocked(points.position.col(i), n, light)) continue;
-    filled[static_cast<std::size_t>(cell_of(grid, angles))] = 1;
-  }
-  std::vector<std::int32_t> cells;
-  for (std::size_t c = 0; c < filled.size(); ++c) {
-    if (filled[c] != 0) cells.push_back(static_cast<std::int32_t>(c));
-  }
-  return cells;
-}
 
 Mesh with(const Mesh& a, const Mesh& b) {
   Mesh both;
@@ -111,7 +88,8 @@ std::size_t cells_in_shadow(const Scene& scene, const GrazingLimits& limits) {
   const BinningResult needed = scene.bins(limits, ShadowRays::needed),
                       all = scene.bins(limits, ShadowRays::all);
   for (std::size_t i = 0; i < scene.lights.size(); ++i) {
-    const auto expected = bins_by_hand(scene.points, scene.lights[i], limits, scene.occluder);
+    const auto expected =
+        test::bins_by_hand(scene.points, scene.lights[i], {}, limits, scene.occluder);
     for (const BinningResult* result : {&needed, &all}) {
       const auto found = result->bins.of(static_cast<int>(i));
       EXPECT_EQ(std::vector<std::int32_t>(found.begin(), found.end()), expected)
