@@ -21,13 +21,14 @@ constexpr const char* style =
     "fill:#555}.title{font-weight:600}.paper{fill:#fff}.grid{fill:none;stroke:#ddd}.horizon{stroke:"
     "#888;stroke-dasharray:4 3}.candidate{fill:#4f7fae;fill-opacity:.75}.nothing{fill:#999}.out,"
     ".touch,.camera{fill:none;stroke-width:1}.out{stroke:#ccc}.touch{stroke:#c0392b}.camera{stroke:"
-    "#8e44ad}.way{fill:none;stroke:#777;stroke-dasharray:2 4}.light{fill:#f4c36a;stroke:#8a5a00}"
+    "#8e44ad}.way{fill:none;stroke:#111;stroke-width:1.6;stroke-dasharray:2 "
+    "4}.light{fill:#f4c36a;stroke:#8a5a00}"
     ".held{fill:#fff;stroke:#8a5a00}.on{fill:#222}.bar{fill:#c98a2b}.none{fill:#e3d3bb}"
     "@media screen and "
     "(prefers-color-scheme:dark){text{fill:#ddd}.note{fill:#aaa}.paper{fill:#181a1d}"
     ".grid{stroke:#3a3d42}.horizon{stroke:#777}.candidate{fill:#7fb2e5}.nothing{fill:#666}.out{"
     "stroke:"
-    "#555}.touch{stroke:#ff7566}.camera{stroke:#c58be0}.way{stroke:#999}.on{fill:#222}.none{fill:"
+    "#555}.touch{stroke:#ff7566}.camera{stroke:#c58be0}.way{stroke:#fff}.on{fill:#222}.none{fill:"
     "#6b5a3c}}";
 
 struct Point {
