@@ -3,18 +3,22 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <spdlog/logger.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/sinks/null_sink.h>
-#include <spdlog/sinks/stdout_color_sinks.h>
 #include <sys/stat.h>
 #include <sys/uio.h>
 #include <systemd/sd-journal.h>
 #include <unistd.h>
 
 #include <cctype>
+#include <cerrno>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <mutex>
 #include <vector>
+
+#include "daemon/service/log_writer.h"
 
 namespace lightrig {
 namespace {
@@ -84,17 +88,64 @@ std::string journal_key(std::string_view key) {
   return name;
 }
 
-void send_to_journald(LogLevel level, std::string_view event, std::initializer_list<Field> fields,
-                      const std::string& line) {
-  std::vector<std::string> texts{"MESSAGE=" + line, fmt::format("PRIORITY={}", to_priority(level)),
-                                 fmt::format("LIGHTRIG_EVENT={}", event)};
+LogEntry journal_entry(LogLevel level, std::string_view event, std::initializer_list<Field> fields,
+                       const std::string& line) {
+  LogEntry texts{"MESSAGE=" + line, fmt::format("PRIORITY={}", to_priority(level)),
+                 fmt::format("LIGHTRIG_EVENT={}", event)};
   for (const Field& field : fields) texts.push_back(journal_key(field.key) + "=" + field.value);
+  return texts;
+}
+
+// A log that cannot be written must not stop a session: there is nowhere left to say so.
+
+void send_to_journald(const LogEntry& texts) {
   std::vector<iovec> parts;
   parts.reserve(texts.size());
-  for (std::string& text : texts) parts.push_back({text.data(), text.size()});
-  // A log that cannot be written must not stop a session: there is nowhere left to say so.
+  for (const std::string& text : texts)
+    parts.push_back({const_cast<char*>(text.data()), text.size()});  // read only, says sd-journal
   (void)sd_journal_sendv(parts.data(), static_cast<int>(parts.size()));
 }
+
+void print(const LogEntry& lines) {
+  for (const std::string& line : lines) {
+    // Not by stdio: at the end of the process its lock would still be held by a write that hangs.
+    std::string_view left = line;
+    while (!left.empty()) {
+      const ssize_t written = ::write(STDERR_FILENO, left.data(), left.size());
+      if (written < 0 && errno == EINTR) continue;
+      if (written <= 0) return;
+      left.remove_prefix(static_cast<std::size_t>(written));
+    }
+  }
+}
+
+/// Lines as a console shows them, the level in colour on a terminal, handed to the writer.
+class ConsoleSink : public spdlog::sinks::base_sink<std::mutex> {
+ public:
+  explicit ConsoleSink(LogWriter& writer)
+      : writer_(writer),
+        coloured_(::isatty(STDERR_FILENO) == 1 && std::getenv("NO_COLOR") == nullptr) {}
+
+ private:
+  void sink_it_(const spdlog::details::log_msg& message) override {
+    spdlog::memory_buf_t text;
+    formatter_->format(message, text);
+    std::string line(text.data(), text.size());
+    if (coloured_ && message.color_range_end > message.color_range_start) {
+      const char* colour = message.level >= spdlog::level::err    ? "\033[31m"
+                           : message.level == spdlog::level::warn ? "\033[33m"
+                           : message.level == spdlog::level::info ? "\033[32m"
+                                                                  : "\033[36m";
+      line.insert(message.color_range_end, "\033[m");
+      line.insert(message.color_range_start, colour);
+    }
+    writer_.add({std::move(line)});
+  }
+  void flush_() override {}
+
+  LogWriter& writer_;
+  bool coloured_;
+};
 
 }  // namespace
 
@@ -135,14 +186,22 @@ Log::Sink Log::default_sink() {
 }
 
 Log::Log(LogLevel level, Sink sink) : sink_(sink) {
+  const auto lost = [sink](std::size_t entries) {
+    const std::string count = std::to_string(entries);
+    const std::string line = log_line("log_lines_lost", {{"count", count}});
+    if (sink == Sink::journald)
+      return journal_entry(LogLevel::warning, "log_lines_lost", {{"count", count}}, line);
+    return LogEntry{line + "\n"};
+  };
+  if (sink != Sink::none)
+    writer_ = std::make_unique<LogWriter>(sink == Sink::journald ? send_to_journald : print, lost);
   spdlog::sink_ptr target;
   if (sink == Sink::console)
-    target = std::make_shared<spdlog::sinks::stderr_color_sink_mt>();
+    target = std::make_shared<ConsoleSink>(*writer_);
   else
     target = std::make_shared<spdlog::sinks::null_sink_mt>();
   logger_ = std::make_unique<spdlog::logger>("lightrigd", std::move(target));
   logger_->set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %^%-7l%$ %v");
-  logger_->flush_on(spdlog::level::info);
   set_level(level);
 }
 
@@ -159,7 +218,7 @@ void Log::write(LogLevel level, std::string_view event, std::initializer_list<Fi
     if (recent_.size() > lines_kept) recent_.pop_front();
   }
   if (sink_ == Sink::journald)
-    send_to_journald(level, event, fields, line);
+    writer_->add(journal_entry(level, event, fields, line));
   else
     logger_->log(to_spdlog(level), spdlog::string_view_t(line));
 }

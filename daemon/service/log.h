@@ -14,6 +14,8 @@ class logger;
 
 namespace lightrig {
 
+class LogWriter;
+
 enum class LogLevel : unsigned char { debug, info, warning, error };
 
 /// The level of a name ("debug", "info", "warning", "error"); empty for any other.
@@ -32,8 +34,8 @@ struct Field {
 std::string log_line(std::string_view event, std::initializer_list<Field> fields);
 
 /// The service's log: one line per event. On a console with time and level; under systemd to
-/// journald, each field besides as LIGHTRIG_<KEY>. Safe to call from any thread; the level may
-/// change at run time.
+/// journald, each field besides as LIGHTRIG_<KEY>. Safe to call from any thread, and never waits
+/// for who reads the log [LogWriter]; the level may change at run time.
 class Log {
  public:
   enum class Sink : unsigned char { console, journald, none };
@@ -67,6 +69,7 @@ class Log {
 
  private:
   Sink sink_;
+  std::unique_ptr<LogWriter> writer_;
   std::unique_ptr<spdlog::logger> logger_;
   mutable std::mutex mutex_;
   mutable std::deque<std::string> recent_;  ///< written by write(), which is const for its callers

@@ -88,12 +88,5 @@ TEST(RequestBody, ReadsDegreesAndMillimetresAsTheAxisIs) {
     EXPECT_FALSE(jog_body(wrong, axes)) << wrong;
 }
 
-TEST(LogLine, StaysOneLineWhateverAValueHolds) {
-  EXPECT_EQ(log_line("armed", {{"by", "uid 7"}, {"n", "3"}}), "event=armed by=\"uid 7\" n=3");
-  EXPECT_EQ(log_line("x", {{"text", "a\nevent=forged\x1b[31m\"\\"}}),
-            R"(event=x text="a\nevent=forged\x1b[31m\"\\")");
-  EXPECT_EQ(log_line("x", {{"empty", ""}}), "event=x");
-}
-
 }  // namespace
 }  // namespace lightrig
