@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <charconv>
 #include <cstdint>
@@ -42,6 +43,32 @@ int bytes_of(const std::string& type) {
   if (type == "short" || type == "ushort" || type == "int16" || type == "uint16") return 2;
   if (type == "double" || type == "float64") return 8;
   return 4;
+}
+
+/// Of any bytes, as much as may stand in a message.
+std::string printable(const std::string& word) {
+  std::string out;
+  for (const char c : word.substr(0, 30)) out += c >= ' ' && c <= '~' ? c : '?';
+  return out;
+}
+
+/// What is wrong with the lines of a header, or nothing. An importer that goes on behind a line it
+/// does not know may not come back.
+std::optional<std::string> unknown_line(std::string_view text) {
+  constexpr std::array<std::string_view, 7> known{"ply",     "format",   "comment",   "obj_info",
+                                                  "element", "property", "end_header"};
+  std::istringstream lines{std::string(text)};
+  int number = 1;
+  for (std::string line; std::getline(lines, line); ++number) {
+    std::istringstream words(line);
+    std::string what;
+    words >> what;
+    if (what == "end_header") return std::nullopt;
+    if (std::ranges::find(known, what) == known.end() && !what.empty())
+      return fmt::format("line {} of its header begins with '{}', which no PLY header has", number,
+                         printable(what));
+  }
+  return "it has no PLY header";
 }
 
 std::optional<Head> read_head(std::string_view text) {
@@ -170,13 +197,17 @@ std::optional<std::string> ply_shortfall(std::span<const std::byte> bytes) {
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   const auto head = read_head(text);
   if (!head) return "it has no PLY header";
+  if (auto unknown = unknown_line(text.substr(0, head->body))) return unknown;
   const std::int64_t vertices = head->count_of("vertex"), faces = head->count_of("face");
   if (vertices < 1 || faces < 1)
     return fmt::format("its header promises {} and {}; a surface is needed",
                        counted(vertices, "vertex", "vertices"), counted(faces, "face", "faces"));
   Body body(text.substr(head->body), head->encoding);
   for (const Element& element : head->elements) {
-    if (element.properties.empty()) continue;
+    if (element.count == 0) continue;
+    if (element.properties.empty())
+      return fmt::format("its header says of no property that its element '{}' has",
+                         printable(element.name));
     for (std::int64_t i = 0; i < element.count; ++i) {
       const Walked walked = walk(element, vertices, body);
       if (!walked.whole)

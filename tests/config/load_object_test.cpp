@@ -172,7 +172,15 @@ TEST(LoadObject, RefusesTruncatedAndAbsurdFilesWithTheReason) {
   const std::string head = ply.substr(0, ply.find("end_header"));
   std::string absurd = ply;
   absurd.replace(absurd.find("vertex 4"), 8, "vertex 4000000000");
+  std::string misspelt = ply;
+  misspelt.replace(misspelt.find("property float y"), 8, "proper\xfft");
+  std::string bare = ply;
+  bare.insert(bare.find("element face"), "element edge 1\n");
   const std::vector<std::pair<std::filesystem::path, const char*>> files = {
+      {folder.write("misspelt.ply", misspelt),
+       "line 5 of its header begins with 'proper?t', which no PLY header has"},
+      {folder.write("bare.ply", bare),
+       "its header says of no property that its element 'edge' has"},
       {folder.write("cut_faces.ply", ply.substr(0, ply.size() - 16)), "truncated?"},
       {folder.write("cut_vertices.ply", ply.substr(0, ply.find("0 1 0\n"))), ""},
       {folder.write("cut_head.ply", head), "no PLY header"},
