@@ -3,6 +3,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <memory>
 #include <utility>
 
 #include "core/check.h"
@@ -14,12 +15,13 @@ namespace {
 
 constexpr std::chrono::milliseconds beat{200};
 constexpr std::chrono::minutes longest_silence{5};  ///< between two things got done
-constexpr int nice_alongside = 10;
 
 // On Linux a nice value is a thread's own. Without the right to it, things go on as they were.
 void set_nice(int tid, int value) {
   (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(tid), value);
 }
+
+int own_nice() { return ::getpriority(PRIO_PROCESS, static_cast<id_t>(::gettid())); }
 
 }  // namespace
 
@@ -27,7 +29,20 @@ Alongside::Alongside(const Rig& rig, const SessionSpec& spec, const Prepared& pr
                      const SessionFolder& folder)
     : rig_(rig), spec_(spec), prepared_(prepared), folder_(folder) {}
 
-Alongside::~Alongside() = default;
+Alongside::~Alongside() {
+  if (!thread_.joinable()) return;
+  thread_.request_stop();
+  {
+    const std::lock_guard lock(mutex_);
+    have_nice(own_nice());
+  }
+  thread_.join();
+}
+
+void Alongside::have_nice(int value) {
+  nice_ = value;
+  if (tid_ != 0) set_nice(tid_, value);
+}
 
 void Alongside::start(std::vector<StoredFrame> darks, bool judge_pose) {
   CHECK(!thread_.joinable());
@@ -55,27 +70,14 @@ std::vector<CurvePoint> Alongside::curve() const {
   return curve_;
 }
 
-/// While somebody waits, nobody's work is to go before: on a busy machine the session would wait
-/// for everybody else's. Under the mutex.
-class Alongside::Hurry {
- public:
-  explicit Hurry(int tid) : tid_(tid) {
-    if (tid_ != 0) set_nice(tid_, ::getpriority(PRIO_PROCESS, static_cast<id_t>(::gettid())));
-  }
-  ~Hurry() {
-    if (tid_ != 0) set_nice(tid_, nice_alongside);
-  }
-  Hurry(const Hurry&) = delete;
-  Hurry& operator=(const Hurry&) = delete;
-
- private:
-  int tid_;
-};
-
 template <class Ready>
 bool Alongside::wait(std::unique_lock<std::mutex>& lock, const Patience& patience, Ready ready) {
   if (ready()) return true;
-  const Hurry hurry(tid_);
+  // While somebody waits, nobody's work is to go before: on a busy machine the session would wait
+  // for everybody else's.
+  have_nice(own_nice());
+  const auto back = [this](void*) { have_nice(nice_alongside); };
+  const std::unique_ptr<void, decltype(back)> lent(this, back);
   while (!changed_.wait_for(lock, patience.stop, beat, ready)) {
     if (patience.stop.stop_requested()) return false;
     if (std::chrono::steady_clock::now() - last_done_ > longest_silence) continue;
@@ -131,9 +133,9 @@ std::string Alongside::take_problem() {
 void Alongside::run(const std::stop_token& stop, std::vector<StoredFrame> darks) {
   // One thread: the motion leaves time enough, and neither the session thread nor an ABORT may wait
   // for a core that does arithmetic.
-  set_nice(::gettid(), nice_alongside);
   std::unique_lock lock(mutex_);
   tid_ = ::gettid();
+  have_nice(nice_);
   lock.unlock();
   Reduction reduction(rig_, spec_, prepared_, folder_, std::move(darks),
                       {.threads = 1, .patience = {stop, [this] { got_on(); }}});

@@ -73,7 +73,7 @@ class Alongside {
  private:
   void run(const std::stop_token& stop, std::vector<StoredFrame> darks);
   void got_on();
-  class Hurry;
+  void have_nice(int value);
   void reduce_next(Reduction& reduction, const std::stop_token& stop,
                    std::unique_lock<std::mutex>& lock);
   void answer(std::unique_lock<std::mutex>& lock);
@@ -88,7 +88,9 @@ class Alongside {
   std::condition_variable_any changed_;
   std::deque<CapturedShot> queue_;
   bool working_ = false;
-  int tid_ = 0;  ///< of the thread, once it runs
+  static constexpr int nice_alongside = 10;
+  int nice_ = nice_alongside;  ///< that the thread is to have …
+  int tid_ = 0;                ///< … once it runs, and this is known
   std::chrono::steady_clock::time_point last_done_ = std::chrono::steady_clock::now();
   bool failed_ = false;
   std::string problem_;

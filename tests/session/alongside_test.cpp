@@ -74,7 +74,7 @@ TEST(Alongside, LendsItsThreadThePriorityOfWhoWaits) {
   ASSERT_LT(own, 10) << "run it with the usual priority";
   Alongside alongside(rig, spec, small_plan(), {scratch.path()});
   alongside.start({}, true);
-  while (!one_has_nice(10)) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  while (!one_has_nice(10)) std::this_thread::sleep_for(std::chrono::milliseconds(1));  // it runs
   // Nobody adds a shot, so that who asks for the pose waits.
   std::stop_source stop;
   bool low_while_waiting = true;
