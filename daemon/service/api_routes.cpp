@@ -293,14 +293,20 @@ HttpAnswer Api::unlock(const HttpRequest& request, const std::string&) {
 }
 
 HttpAnswer Api::steer(const HttpRequest& request, const std::string& id, SessionVerb verb) {
-  // Looking at the folder may take a slow disk: not here.
+  // Of the session in hand at once, whatever hangs on a disk; resuming one that was given back
+  // takes a look at its folder, and that may take a slow disk: not here.
+  const auto now = service_.snapshot();
+  if (now.session && now.session->id == id && (verb != SessionVerb::resume || now.busy)) {
+    const auto done = service_.steer(caller_of(request), id, verb);
+    return done ? json_reply(202, {{"ok", true}, {"command", *done}}) : error_reply(done.error());
+  }
   return HttpLater{[this, caller = caller_of(request), id, verb]() -> HttpReply {
     const auto moment = service_.snapshot();
     if (!moment.session || moment.session->id != id)
       if (auto folder = session_folder_of(service_.rig().session_root, id); !folder)
         return error_reply(folder.error());
     const auto done = service_.steer(caller, id, verb);
-    return done ? json_reply(202, {{"ok", true}}) : error_reply(done.error());
+    return done ? json_reply(202, {{"ok", true}, {"command", *done}}) : error_reply(done.error());
   }};
 }
 

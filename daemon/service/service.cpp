@@ -1,5 +1,4 @@
 #include "daemon/service/service.h"
-#include "daemon/session/session_upkeep.h"
 
 #include <fmt/format.h>
 
@@ -24,22 +23,6 @@ std::string free_id(const std::filesystem::path& root, const SessionSpec& spec) 
 }
 
 }  // namespace
-
-std::string_view name_of(SessionVerb verb) {
-  switch (verb) {
-    case SessionVerb::pause:
-      return "pause";
-    case SessionVerb::resume:
-      return "resume";
-    case SessionVerb::stop:
-      return "stop";
-    case SessionVerb::halt:
-      return "halt";
-    case SessionVerb::abort:
-      return "abort";
-  }
-  return "unknown";
-}
 
 Service::Service(ServiceSettings settings, const Log& log, EventHub& hub, Liveness& liveness)
     : settings_(std::move(settings)),
@@ -95,8 +78,7 @@ Result<std::uint64_t> Service::submit(const std::string& name, const Caller& cal
     }
     if (now) set_state(*after, "");
     slot_ = Command{id, name, std::move(work), std::make_unique<SessionControl>()};
-    commands_.push_back({id, name, "running", ""});
-    if (commands_.size() > records_kept) commands_.pop_front();
+    keep_record({id, name, "running", ""});
     if (!key.empty()) last_keyed_[name] = {key, id};
   }
   changed_.notify_all();
@@ -107,9 +89,13 @@ Result<std::uint64_t> Service::submit(const std::string& name, const Caller& cal
 
 Result<std::uint64_t> Service::done_already(const std::string& name, const std::string& message) {
   const std::lock_guard lock(mutex_);
-  commands_.push_back({++last_id_, name, "done", message});
-  if (commands_.size() > records_kept) commands_.pop_front();
+  keep_record({++last_id_, name, "done", message});
   return last_id_;
+}
+
+void Service::keep_record(CommandRecord record) {
+  commands_.push_back(std::move(record));
+  if (commands_.size() > records_kept) commands_.pop_front();
 }
 
 void Service::drop_waiting(const std::string& why) {
@@ -123,7 +109,14 @@ void Service::set_state(State state, const std::string& given, const SessionWord
   // Whoever read an ABORT's reason before it was explained brings the shorter one.
   const bool explained = !aborted_.explained.empty() && given == aborted_.given;
   const std::string reason = explained ? aborted_.explained : given;
-  if (state != state_) state_since_ = SteadyClock::now();
+  if (state != state_) {
+    state_since_ = SteadyClock::now();
+    // A fault and an ABORT have a line of their own.
+    if (state != State::faulted && state != State::aborted)
+      log_.info("state", {{"from", std::string(name_of(state_))},
+                          {"to", std::string(name_of(state))},
+                          {"reason", reason}});
+  }
   state_ = state;
   state_reason_ = reason;
   if (session_in_hand_) {
@@ -131,29 +124,25 @@ void Service::set_state(State state, const std::string& given, const SessionWord
     session_->reason = reason;
     session_->paused_by = state == State::paused ? words.paused_by : "";
   }
+  settle_steering();
 }
 
 bool Service::apply(Event event, const std::string& reason, const SessionWords& words) {
-  State before{}, after{};
+  State before{};
   {
     const std::lock_guard lock(mutex_);
     const auto to = next(state_, event);
     if (!to) return false;
     before = state_;
-    after = *to;
     if (event == Event::fault) {
       ++faults_;
       drop_waiting("not begun: " + reason);
     }
-    set_state(after, reason, words);
+    set_state(*to, reason, words);
     session_in_hand_ = session_in_hand_ && (active_ != nullptr || slot_.has_value());
   }
   if (event == Event::fault)
     log_.error("fault", {{"while", std::string(name_of(before))}, {"reason", reason}});
-  else if (before != after)
-    log_.info("state", {{"from", std::string(name_of(before))},
-                        {"to", std::string(name_of(after))},
-                        {"reason", reason}});
   tell_state();
   return true;
 }
@@ -267,79 +256,6 @@ Result<std::string> Service::start(const Caller& caller, StartRequest request) {
   const std::lock_guard lock(mutex_);
   last_start_ = {key, id};
   return id;
-}
-
-// The session outlives its command; what runs after it is none of its business.
-SessionControl* Service::control_of(const std::string& id) const {
-  if (!session_in_hand_ || session_->id != id) return nullptr;
-  return active_ != nullptr ? active_ : slot_ ? slot_->control.get() : nullptr;
-}
-
-Result<void> Service::steer_in_hand(SessionControl& control, const std::string& by,
-                                    SessionVerb verb) {
-  if (state_ == State::reducing && (verb == SessionVerb::pause || verb == SessionVerb::halt))
-    return fail(
-        ErrorCode::refused,
-        fmt::format("cannot {}: everything is captured and nothing moves, its frames become "
-                    "a result; {}",
-                    name_of(verb), remedy(state_)));
-  switch (verb) {
-    case SessionVerb::pause:
-      session_->pause_requested = true;
-      control.pause("paused by " + by);
-      break;
-    case SessionVerb::resume:
-      session_->pause_requested = false;
-      control.resume();
-      break;
-    case SessionVerb::halt:
-      control.halt("halted by " + by);
-      break;
-    default:
-      session_->stop_requested = true;
-      control.stop_after_shot();
-      control.resume();  // a paused session ends too: its shot is done
-  }
-  return {};
-}
-
-Result<void> Service::steer(const Caller& caller, const std::string& id, SessionVerb verb) {
-  log_.info("command", {{"command", std::string(name_of(verb))},
-                        {"session", id},
-                        {"by", caller.name},
-                        {"peer", caller.peer}});
-  if (verb == SessionVerb::abort) {
-    abort(caller, "aborted by " + caller.name);
-    return {};
-  }
-  {
-    const std::lock_guard lock(mutex_);
-    if (SessionControl* control = control_of(id)) return steer_in_hand(*control, caller.name, verb);
-  }
-  if (verb != SessionVerb::resume)
-    return fail(ErrorCode::refused,
-                fmt::format("cannot {} session {}: it is not under way", name_of(verb), id));
-  const std::filesystem::path folder = settings_.rig.session_root / id;
-  if (is_finished({folder}))
-    return fail(ErrorCode::refused,
-                "resume: the session is done; its result stands in its folder "
-                "(lightrig reduce computes it again)");
-  // A session that capture() has given back to wait for its condition is resumed from `paused`.
-  const Event event = snapshot().state == State::paused ? Event::resume : Event::start;
-  SessionView view;
-  view.id = id;
-  view.folder = folder;
-  view.state = std::string(name_of(State::planning));
-  {
-    const std::lock_guard lock(mutex_);
-    if (session_ && session_->id == id) view.curve = session_->curve;
-  }
-  auto accepted = submit(
-      "resume", caller, event, true,
-      [this, folder](SessionControl& control) { return do_resume(control, folder); },
-      std::move(view));
-  if (!accepted) return tl::unexpected(accepted.error());
-  return {};
 }
 
 void Service::abort(const Caller& caller, const std::string& reason) {

@@ -136,8 +136,9 @@ class Service {
 
   /// Pause, resume, stop after this shot, halt (at once; it can be resumed), or abort. `id` is the
   /// session in hand, or, to resume, any unfinished one of the session root. Asking for what is so
-  /// already is no error.
-  Result<void> steer(const Caller& caller, const std::string& id, SessionVerb verb);
+  /// already is no error. The command's number: its record ends `done` when what was asked for has
+  /// come, `failed` when the session ended first or a deadline has passed (operations.md).
+  Result<std::uint64_t> steer(const Caller& caller, const std::string& id, SessionVerb verb);
 
   /// Stops whatever moves: requests the stop before it does anything else, takes no queue.
   void abort(const Caller& caller, const std::string& reason);
@@ -188,13 +189,17 @@ class Service {
   bool apply(Event event, const std::string& reason = "", const SessionWords& words = {});
   bool apply_unless_stopped(Event event, const SessionControl& control);
   void set_state(State state, const std::string& reason,
-                 const SessionWords& words = {});           ///< under mutex_
-  SessionControl* control_of(const std::string& id) const;  ///< under mutex_; null: not in hand
-  Result<void> steer_in_hand(SessionControl& control, const std::string& by,
-                             SessionVerb verb);  ///< under mutex_
+                 const SessionWords& words = {});  ///< under mutex_
+  void keep_record(CommandRecord record);          ///< under mutex_
   void record_end(std::uint64_t id, const Result<std::string>& end);
   void tell_state();
   std::vector<std::string> obstacles() const;  ///< under mutex_
+
+  // steering.cpp: an operator's hand on the session, under mutex_
+  SessionControl* control_of(const std::string& id) const;  ///< null: not in hand
+  Result<std::uint64_t> steer_in_hand(SessionControl& control, const std::string& by,
+                                      SessionVerb verb);
+  void settle_steering();
 
   // session_thread.cpp: the session thread's own
   void run();
@@ -263,6 +268,13 @@ class Service {
   SessionControl* active_ = nullptr;  ///< of the command being run; the session thread owns it
   std::uint64_t last_id_ = 0;
   std::deque<CommandRecord> commands_;
+  struct Steering {
+    std::uint64_t id = 0;
+    SessionVerb verb{};
+    SteadyClock::time_point until;
+    std::chrono::seconds within{};
+  };
+  std::vector<Steering> steering_;  ///< asked for, and not come yet
   std::optional<RigLock> lock_;
   std::optional<RigFacts> facts_;
   std::optional<SessionView> session_;

@@ -41,17 +41,26 @@ void Service::on_event(const JournalEvent& event) {
 void Service::on_progress(const SessionProgress& progress) {
   liveness_.promise(longest_step());
   std::string session;
+  SessionProgress told = progress;
   std::optional<RigFacts> facts;
   {
     const std::lock_guard lock(mutex_);
     session = session_->id;
+    // Resumed, it has reduced nothing yet; what was known before still holds.
+    if (const std::vector<CurvePoint>& curve = session_->curve;
+        progress.curve.empty() && progress.shots_done > 0 && !curve.empty()) {
+      told.predicted_error_percent = curve.back().predicted_error_percent;
+      told.held_out_error_percent = curve.back().held_out_error_percent;
+      told.true_error_percent = curve.back().true_error_percent;
+    }
     if (facts_ && progress.gantry) facts_->gantry = *progress.gantry;
     if (facts_ && facts_->lamp && progress.lamp_power) facts_->lamp->power = *progress.lamp_power;
     facts = facts_;
-    session_->progress = progress;
+    session_->progress = told;
     session_->progress.curve.clear();
+    settle_steering();
   }
-  hub_.update("progress", progress_json(session, progress, facts));
+  hub_.update("progress", progress_json(session, told, facts));
   on_points(progress.curve);
 }
 

@@ -121,6 +121,8 @@ std::string_view remedy(State state) {
       return "arm the rig again (lightrig arm)";
     case State::faulted:
       return "mend the cause, then clear the fault (lightrig clear) and arm";
+    case State::paused:
+      return "resume, stop or abort the session first";
     default:
       return "wait for its end, or abort it";
   }

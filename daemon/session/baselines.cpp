@@ -193,7 +193,7 @@ RandomLights random_lights(const Rig& rig, const SessionSpec& spec, const Prepar
                            const Reflectance& truth, const BrdfTable& reference,
                            const RandomLightsOptions& options) {
   CHECK(options.sets > 0 && options.threads > 0);
-  const Patience patience{{}, options.beat};
+  const Patience& patience = options.patience;
   std::vector<int> candidates;
   for (int i = 0; i < prepared.bins.candidates(); ++i) {
     if (!prepared.bins.of(i).empty()) candidates.push_back(i);
@@ -213,6 +213,7 @@ RandomLights random_lights(const Rig& rig, const SessionSpec& spec, const Prepar
       Random random(seed);
       std::vector<BrdfObservations> lights;
       for (const int candidate : pick(candidates, result.lights, random)) {
+        if (patience.stop.stop_requested()) return;
         lights.push_back(studio.measure(candidate, seed));
         patience.tell();
       }

@@ -22,7 +22,8 @@ struct RandomLightsOptions {
   int sets = 5;
   std::uint64_t seed = 1;
   int threads = 1;
-  std::function<void()> beat = {};  ///< as Patience's: each light, each fit
+  Patience patience = {};  ///< told of each light and each fit; what it returns once stopped says
+                           ///< nothing
 };
 
 /// The percentage error of the mean of the basis against a reference.

@@ -162,12 +162,14 @@ Result<void> CaptureRun::pause_for_interlocks(const std::vector<std::string>& na
   });
 }
 
-/// Pauses until the disk has room for the frames in hand. Where room is reported and yet writing
-/// fails (a quota), the waits grow longer.
+/// Pauses until the disk has room for the frames in hand and as many again, so that the next light
+/// does not find it full at once. It goes on by itself: nobody's hand was in the way, and a night
+/// should not be lost to a log that is rotated an hour later. Where room is reported and yet
+/// writing fails (a quota), the waits grow longer.
 Result<void> CaptureRun::wait_for_space() {
   std::uintmax_t needed = spare_bytes;
   for (const TakenFrame& taken : store_.in_hand()) {
-    needed += taken.frame.counts.counts.size() * sizeof(std::uint32_t);
+    needed += 2 * taken.frame.counts.counts.size() * sizeof(std::uint32_t);
   }
   const auto backoff = std::min(longest_backoff, pause_beat * (1 << std::min(space_waits_, 10)));
   ++space_waits_;
@@ -244,11 +246,11 @@ double CaptureRun::remaining() const {
 /// is left for the rest of it. One light is taken in any case.
 std::string CaptureRun::out_of_time(int next, bool any_fitted) const {
   const auto& minutes = t_.spec.stop.minutes;
-  if (!minutes) return {};
+  if (!minutes || !any_fitted) return {};
   const double left = 60 * *minutes - elapsed();
   if (left <= 0) return fmt::format("[stop] minutes = {} have passed", *minutes);
   const auto step = std::ranges::find(predicted_.shots, next, &ShotTime::shot);
-  if (!any_fitted || step == predicted_.shots.end()) return {};
+  if (step == predicted_.shots.end()) return {};
   const double takes = step->warm_up + step->exposures;
   if (takes <= left) return {};
   return fmt::format("[stop] minutes = {}: {} may take {:.1f} s more, and {:.1f} s are left",

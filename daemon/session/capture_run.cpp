@@ -322,10 +322,12 @@ std::optional<Ending> CaptureRun::early_ending(int next) {
   const auto early = [](std::string reason) {
     return Ending{SessionOutcome::stopped_early, std::move(reason)};
   };
-  if (t_.control.stop_after_shot_requested()) return early("stopped after a shot, on request");
   const StopConfig& stop = t_.spec.stop;
-  const auto fitted = std::ranges::count_if(
-      captured_.shots, [](const CapturedShot& shot) { return !shot.held_out; });
+  const auto fitted = std::ranges::count(captured_.shots, false, &CapturedShot::held_out);
+  // Of no light there is no result: a session that ended so could never have one.
+  if (t_.control.stop_after_shot_requested() && fitted == 0)
+    return Ending{SessionOutcome::paused, "stopped on request, and no light is captured: resume"};
+  if (t_.control.stop_after_shot_requested()) return early("stopped after a shot, on request");
   if (stop.lights && fitted >= *stop.lights) {
     return early(fmt::format("[stop] lights = {} are captured", *stop.lights));
   }

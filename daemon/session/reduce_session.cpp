@@ -238,8 +238,7 @@ Result<ReductionSummary> reduce_session(const fs::path& session, const fs::path&
   std::vector<StageCost> after;
   result.baselines = baselines_of(
       *record, *prepared, reduction, *reference,
-      {result.curve.back().lights, random_sets, record->spec.plan.seed, threads, patience.beat},
-      after);
+      {result.curve.back().lights, random_sets, record->spec.plan.seed, threads, patience}, after);
   result.lights = light_results(reduction, record->plan);
   result.left_out = left_out_lines(*record, *prepared, reduction.basis());
   result.warnings = warnings_of(*record, *prepared, result);

@@ -73,7 +73,7 @@ class Reduction {
   CurvePoint estimate();
   /// Why an estimate() could not look at a shot again whose pixels it doubted: a frame that was
   /// read before cannot be any more; or that it was stopped. What it returned then stands on less
-  /// than it should.
+  /// than it should, or is empty, and so is every later one.
   const std::optional<Error>& trouble() const;
 
   /// Observations added so far, in order of addition; refined by the last estimate() [refine.h].

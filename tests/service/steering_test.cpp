@@ -38,6 +38,44 @@ TEST_F(ServiceSteering, HaltsAtOnceAfterTheStartAndTheNextStartIsTaken) {
   EXPECT_EQ(post("/v1/abort").status, 200);
 }
 
+TEST_F(ServiceSteering, TellsWhatBecameOfAPauseAndAHalt) {
+  begin(1);
+  arm();
+  const std::string id = start();
+  wait_for([](const Json& now) { return now["state"] == "capturing"; });
+  const auto record = [](const Json& now, std::uint64_t number) -> Json {
+    for (const Json& one : now["commands"])
+      if (one["id"] == number) return one;
+    return {};
+  };
+  const auto outcome = [&](const std::string& verb) {
+    const RawReply reply = post("/v1/sessions/" + id + "/" + verb);
+    EXPECT_EQ(reply.status, 202) << reply.body;
+    const auto number = reply.json()["command"].get<std::uint64_t>();
+    const Json now =
+        wait_for([&](const Json& seen) { return record(seen, number)["state"] != "running"; });
+    EXPECT_EQ(record(now, number)["command"], verb);
+    return record(now, number);
+  };
+  EXPECT_EQ(outcome("pause")["state"], "done");
+  EXPECT_EQ(status()["state"], "paused");
+  EXPECT_EQ(outcome("pause")["message"], "the session is paused");
+  EXPECT_EQ(outcome("halt")["state"], "done");
+  EXPECT_FALSE(status()["busy"]);
+
+  // Resumed, it homes first: an ABORT then leaves a pause nothing to wait for.
+  post("/v1/sessions/" + id + "/resume");
+  wait_for([](const Json& now) { return now["session"]["activity"] == "homing"; });
+  const RawReply reply = post("/v1/sessions/" + id + "/pause");
+  EXPECT_EQ(post("/v1/abort").status, 200);
+  const auto number = reply.json()["command"].get<std::uint64_t>();
+  const Json now =
+      wait_for([&](const Json& seen) { return record(seen, number)["state"] != "running"; });
+  EXPECT_EQ(record(now, number)["state"], "failed");
+  EXPECT_THAT(record(now, number)["message"].get<std::string>(),
+              HasSubstr("the session ended first"));
+}
+
 TEST_F(ServiceSteering, ReachesNoCommandThatIsNotTheSessions) {
   begin(1);
   arm();

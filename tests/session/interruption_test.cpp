@@ -165,6 +165,21 @@ TEST_F(CaptureTest, StopAfterShotKeepsTheShotInProgress) {
   EXPECT_EQ(read_session_folder(folder.root).value().shots.size(), 1U);
 }
 
+TEST_F(CaptureTest, StoppedBeforeAnyLightItWaitsToBeResumed) {
+  const SessionFolder folder = create();
+  Laboratory laboratory(rig_);
+  SessionControl control;
+  SessionListeners listeners;
+  listeners.progress = [&](const SessionProgress& progress) {
+    if (progress.activity.starts_with("dark frame")) control.stop_after_shot();
+  };
+  const SessionEnd end = capture_in(folder, laboratory, control, listeners);
+  EXPECT_EQ(end.outcome, SessionOutcome::paused) << end.reason;
+  EXPECT_EQ(read_session_folder(folder.root).value().shots.size(), 0U);
+  EXPECT_EQ(capture_whole(folder).outcome, SessionOutcome::done);
+  EXPECT_EQ(comparable_text(folder), uninterrupted());
+}
+
 TEST_F(CaptureTest, AnOpenDoorPausesAndASwappedSampleIsNoticedOnResuming) {
   const SessionFolder folder = create();
   Laboratory laboratory(rig_);
