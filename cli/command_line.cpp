@@ -4,9 +4,11 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <string>
 #include <vector>
 
+#include "cli/abort_line.h"
 #include "cli/verb_list.h"
 #include "config/suggest.h"
 
@@ -37,6 +39,17 @@ int usage_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
   return 2;
 }
 
+// An ABORT goes out whatever else stands on its line: who types it in a hurry has no time to be
+// corrected. What is wrong with the line is said afterwards.
+int abort_whatever_else(const AbortLine& line) {
+  const int code = abort(line.service, line.reason);
+  for (const std::string& what : line.unknown)
+    std::fprintf(stderr,
+                 "lightrig: abort left %s aside; lightrig abort --help shows what it takes\n",
+                 what.c_str());
+  return code;
+}
+
 }  // namespace
 
 int run(int argc, char** argv) {
@@ -59,6 +72,12 @@ int run(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
+    const bool help = error.get_exit_code() == 0;
+    ServiceOptions service = usual_service();
+    if (const char* socket = std::getenv("LIGHTRIG_SOCKET"); socket != nullptr && *socket != '\0')
+      service.socket = socket;
+    if (const auto line = read_abort_line({argv + 1, argv + argc}, service); line && !help)
+      return abort_whatever_else(*line);
     return usage_error(app, error, argc, argv);
   }
   return verbs.run_chosen();

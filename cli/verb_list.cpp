@@ -25,12 +25,13 @@ CLI::App* with_json(CLI::App* verb, bool& json) {
   return verb;
 }
 
+ServiceOptions usual_service() { return {"/run/lightrig/control.sock", user_name(), false}; }
+
 CLI::App* with_service(CLI::App* verb, ServiceOptions& options) {
-  options.as = user_name();
+  options = usual_service();
   verb->add_option("--socket", options.socket, "Control socket of the service")
       ->envname("LIGHTRIG_SOCKET")
-      ->default_str("/run/lightrig/control.sock");
-  options.socket = "/run/lightrig/control.sock";
+      ->default_str(options.socket);
   verb->add_option("--as", options.as, "Your name, for the lock and the record");
   return with_json(verb, options.json);
 }

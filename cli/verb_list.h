@@ -33,6 +33,8 @@ class Verbs {
 
 /// Adds --json.
 CLI::App* with_json(CLI::App* verb, bool& json);
+/// How the service is reached, and as whom, where nothing is typed and no $LIGHTRIG_SOCKET set.
+ServiceOptions usual_service();
 /// Adds --socket, --as and --json.
 CLI::App* with_service(CLI::App* verb, ServiceOptions& options);
 /// Adds --threads.

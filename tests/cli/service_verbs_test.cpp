@@ -1,0 +1,64 @@
+// Verbs that ask the service, as a person types them, and what is said back.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "cli/abort_line.h"
+#include "tests/cli/running_service.h"
+
+namespace lightrig {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+class ServiceVerbs : public RunningService {};
+
+// Found as: usage errors that sent nothing.
+TEST_F(ServiceVerbs, SendAnAbortWhateverElseStandsOnItsLine) {
+  begin_service("inf");
+  const Said words = ask("abort the door jams");
+  EXPECT_EQ(words.code, 0) << words.text;
+  EXPECT_THAT(words.text, HasSubstr("aborted: motion stopped, lamp dark, rig unarmed"));
+  EXPECT_THAT(words.text, Not(HasSubstr("--help")));
+  EXPECT_THAT(log(), HasSubstr("the door jams"));
+  EXPECT_THAT(lightrig("status"), HasSubstr("state      unarmed"));
+
+  lightrig("arm");
+  const Said option = ask("abort --nwo --reason smoke everywhere --as");
+  EXPECT_EQ(option.code, 0) << option.text;
+  EXPECT_THAT(option.text, HasSubstr("abort left --nwo aside"));
+  EXPECT_LT(option.text.find("aborted: motion stopped"), option.text.find("--nwo"))
+      << "first it is sent";
+  EXPECT_THAT(log(), HasSubstr("smoke everywhere"));
+  EXPECT_THAT(lightrig("status"), HasSubstr("state      unarmed"));
+}
+
+TEST(AbortLine, TakesWhatItKnowsAndCallsTheRestTheReason) {
+  const cli::ServiceOptions usual{"/run/s", "eve", false};
+  const auto read = [&](const std::vector<std::string>& words) {
+    return cli::read_abort_line(words, usual);
+  };
+  EXPECT_FALSE(read({"arm", "abort"})) << "another verb";
+  EXPECT_FALSE(read({}));
+  const auto bare = read({"abort"});
+  ASSERT_TRUE(bare);
+  EXPECT_EQ(bare->service.socket, "/run/s");
+  EXPECT_EQ(bare->service.as, "eve");
+  EXPECT_EQ(bare->reason, "");
+  const auto full = read({"--socket", "/x", "abort", "now", "--reason", "smoke", "at", "once",
+                          "--as=bob", "--json", "-f", "--socket"});
+  ASSERT_TRUE(full);
+  EXPECT_EQ(full->service.socket, "/x");
+  EXPECT_EQ(full->service.as, "bob");
+  EXPECT_TRUE(full->service.json);
+  EXPECT_EQ(full->reason, "smoke now at once");
+  EXPECT_THAT(full->unknown, ElementsAre("-f", "--socket without a value"));
+  EXPECT_THAT(read({"abort", "--reason=", "x"})->unknown, IsEmpty());
+}
+
+}  // namespace
+}  // namespace lightrig
