@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <sys/random.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <memory>
@@ -153,6 +154,18 @@ std::string request_key() {
   std::string key;
   for (const unsigned char byte : random) key += fmt::format("{:02x}", byte);
   return key;
+}
+
+Result<std::string> session_path(const std::string& id) {
+  const bool plain = std::ranges::all_of(id, [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '.' ||
+           c == '_' || c == '-';
+  });
+  // In a path it would mean another operation, or none.
+  if (!plain || id.empty())
+    return fail(ErrorCode::not_found,
+                fmt::format("there is no session \"{}\"; lightrig sessions lists them", id));
+  return "/v1/sessions/" + id;
 }
 
 ServiceClient::ServiceClient(const ServiceOptions& options)

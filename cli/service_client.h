@@ -13,6 +13,9 @@ namespace lightrig::cli {
 /// A key that no other request has: one that is sent twice is then carried out once.
 std::string request_key();
 
+/// Where the API has a session. Errors: not_found for what can be no session's id.
+Result<std::string> session_path(const std::string& id);
+
 /// A call over the control socket (libcurl).
 class ServiceClient {
  public:

@@ -240,7 +240,9 @@ int steer(const ServiceOptions& options, const std::string& verb, const std::str
                     : verb == "stop" ? stopping
                                      : resuming;
   if (verb == "stop") ordered.within = stop_time(client);
-  const auto reply = client.post("/v1/sessions/" + *session + "/" + verb, Json::object());
+  const auto path = session_path(*session);
+  if (!path) return complain(path.error());
+  const auto reply = client.post(*path + "/" + verb, Json::object());
   if (!reply) return complain(reply.error());
   const auto end = wait_until(client, ordered);
   if (!end) return complain(end.error());

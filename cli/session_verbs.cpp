@@ -130,6 +130,25 @@ std::string problem_of_result(const Json& json) {
   return problem;
 }
 
+Result<void> retake_at_service(const ServiceClient& client, const std::string& session,
+                               const std::string& shot) {
+  const auto path = session_path(session);
+  const auto done = path ? client.post(*path + "/retake", {{"shot", shot}})
+                         : Result<Json>(tl::unexpected(path.error()));
+  if (done) return {};
+  const auto is_missing = [](const Error& error) { return error.code == ErrorCode::not_found; };
+  // Where it is the shot that is not there, the service knows the session.
+  if (!is_missing(done.error())) return tl::unexpected(done.error());
+  if (path) {
+    const auto known = client.get_json(*path);
+    if (known || !is_missing(known.error())) return tl::unexpected(done.error());
+  }
+  return tl::unexpected(
+      with_context(fmt::format("retake {}: there is no session folder {} here, and of the service",
+                               shot, session),
+                   done.error()));
+}
+
 }  // namespace
 
 int result(const std::string& session, bool json) {
@@ -190,17 +209,11 @@ int verify(const ReduceOptions& options) {
 
 int retake(const ServiceOptions& options, const std::string& session, const std::string& shot) {
   std::error_code error;
-  if (!std::filesystem::exists(SessionFolder{session}.journal(), error)) {
-    const auto done =
-        ServiceClient(options).post("/v1/sessions/" + session + "/retake", {{"shot", shot}});
-    if (!done)
-      return complain(with_context(
-          fmt::format("retake {}: there is no session folder {} here, and of the service", shot,
-                      session),
-          done.error()));
-  } else if (auto done = retake_shot(SessionFolder{session}, shot); !done) {
-    return complain(with_context("retake " + shot, done.error()));
-  }
+  const bool here = std::filesystem::exists(SessionFolder{session}.journal(), error);
+  if (auto done = here ? retake_shot(SessionFolder{session}, shot)
+                       : retake_at_service(ServiceClient(options), session, shot);
+      !done)
+    return complain(done.error());
   if (options.json) {
     say(json_text(Json{{"ok", true}, {"session", session}, {"shot", shot}}));
     return 0;

@@ -71,7 +71,7 @@ Result<std::filesystem::path> session_folder_of(const std::filesystem::path& roo
   if (!plain || std::filesystem::symlink_status(folder, error).type() !=
                     std::filesystem::file_type::directory)
     return fail(ErrorCode::not_found,
-                fmt::format("there is no session \"{}\"; GET /v1/sessions lists them", id));
+                fmt::format("there is no session \"{}\"; lightrig sessions lists them", id));
   return folder;
 }
 

@@ -55,8 +55,8 @@ class RunningService : public ::testing::Test {
     service_ = 0;
   }
   FILE* begin(const std::string& verb) const {
-    return popen((std::string(lightrig::test::build_dir) + "/lightrig " + verb + " --socket " +
-                  socket_ + " 2>&1 </dev/null")
+    return popen(("LIGHTRIG_SOCKET=" + socket_ + " " + lightrig::test::build_dir + "/lightrig " +
+                  verb + " 2>&1 </dev/null")
                      .c_str(),
                  "r");
   }
@@ -70,6 +70,15 @@ class RunningService : public ::testing::Test {
     return said;
   }
   std::string lightrig(const std::string& verb) const { return ask(verb).text; }
+  /// The id of a session that is captured to its end, result and all.
+  std::string whole_session() const {
+    const std::string text = lightrig("start --wait");
+    EXPECT_NE(text.find("result in "), std::string::npos) << text;
+    return text.substr(8, text.find('\n') - 8);  // "session ID"
+  }
+  std::string folder_of(const std::string& session) const {
+    return (folder_.path() / "sessions" / session).string();
+  }
   /// What the service has logged.
   std::string log() const {
     std::stringstream text;

@@ -37,6 +37,29 @@ TEST_F(ServiceVerbs, SendAnAbortWhateverElseStandsOnItsLine) {
   EXPECT_THAT(lightrig("status"), HasSubstr("state      unarmed"));
 }
 
+// Found as: "GET /v1/sessions lists them", and a refusal by the lock that began with a folder that
+// is not there.
+TEST_F(ServiceVerbs, SpeakOfSessionsAsThisProgramDoes) {
+  begin_service("inf");
+  const std::string id = whole_session();
+  for (const std::string verb :
+       {"resume nope", "pause nope", "resume nope/nope", "retake nope L01"}) {
+    const Said said = ask(verb);
+    EXPECT_EQ(said.code, 1) << verb;
+    EXPECT_THAT(said.text, HasSubstr("lightrig sessions lists them")) << verb;
+    EXPECT_THAT(said.text, Not(HasSubstr("/v1/"))) << verb;
+  }
+  const char* nowhere = "there is no session folder";
+  EXPECT_THAT(lightrig("retake nope L01"), HasSubstr(nowhere));
+  const std::string shot = lightrig("retake " + id + " L77");
+  EXPECT_THAT(shot, HasSubstr("no such shot"));
+  EXPECT_THAT(shot, Not(HasSubstr(nowhere)));
+  lightrig("lock --as bob");
+  const std::string locked = lightrig("retake " + id + " L02 --as eve");
+  EXPECT_THAT(locked, HasSubstr("the rig is locked by bob"));
+  EXPECT_THAT(locked, Not(HasSubstr(nowhere)));
+}
+
 TEST(AbortLine, TakesWhatItKnowsAndCallsTheRestTheReason) {
   const cli::ServiceOptions usual{"/run/s", "eve", false};
   const auto read = [&](const std::vector<std::string>& words) {
