@@ -13,6 +13,7 @@
 #include "cli/json_fields.h"
 #include "cli/say.h"
 #include "cli/service_client.h"
+#include "cli/standing.h"
 #include "cli/verbs.h"
 #include "config/json_text.h"
 
@@ -83,32 +84,6 @@ Result<std::string> session_or_current(const ServiceClient& client, const std::s
     return fail(ErrorCode::refused,
                 "no session is in hand; name one (lightrig sessions lists them)");
   return text((*status)["session"], "id");
-}
-
-// How a session of the list stands, and what goes on with it.
-std::string standing(const Json& one, const std::string& root) {
-  const std::string state = text(one, "state"), id = text(one, "id");
-  if (one.value("result", false)) return "result";
-  if (state == "done") return fmt::format("captured, no result; lightrig resume {}", id);
-  if (state == "damaged") return fmt::format("damaged; lightrig verify {}/{}", root, id);
-  if (state.empty()) return "no result";
-  const std::string so_far = fmt::format("{} after {} of {} lights", state,
-                                         whole(one, "shots_done"), whole(one, "shots_planned"));
-  return state == "capturing" || state == "reducing"
-             ? so_far
-             : fmt::format("{}; lightrig resume {}", so_far, id);
-}
-
-// The newest session where it waits for somebody to go on with it: after a crash nothing else says
-// that one was under way.
-std::string unfinished_words(const ServiceClient& client) {
-  const auto reply = client.get_json("/v1/sessions");
-  if (!reply || part(*reply, "sessions").empty()) return {};
-  const Json& newest = part(*reply, "sessions").front();
-  const std::string state = text(newest, "state");
-  if (newest.value("result", false) || (state != "interrupted" && state != "paused")) return {};
-  return fmt::format("unfinished {}: {}\n", text(newest, "id"),
-                     standing(newest, text(*reply, "root")));
 }
 
 int finish(const Result<Json>& reply, bool json, const std::string& done) {
@@ -204,8 +179,12 @@ int status(const ServiceOptions& options) {
     say(json_text(*status));
     return 0;
   }
-  say(status_words(*status) +
-      (part(*status, "session").is_object() ? "" : unfinished_words(client)));
+  std::string words = status_words(*status);
+  if (const Json& session = part(*status, "session"); !session.is_object())
+    words += unfinished_words(client);
+  else if (const std::string open = open_words(client, session); !open.empty())
+    words += fmt::format("unfinished {}: {}\n", text(session, "id"), open);
+  say(words);
   return 0;
 }
 

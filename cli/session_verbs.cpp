@@ -8,6 +8,7 @@
 #include "cli/left_out.h"
 #include "cli/say.h"
 #include "cli/service_client.h"
+#include "cli/standing.h"
 #include "cli/verbs.h"
 #include "config/json_text.h"
 #include "daemon/session/compare.h"
@@ -162,7 +163,10 @@ int result(const std::string& session, bool json) {
   if (!problem.empty())
     return complain(fmt::format("{} is damaged: {}; lightrig reduce {} computes it anew",
                                 path.string(), problem, session));
-  say(json ? *file : result_words(session, *parsed));
+  const std::string open = open_words(session);
+  const std::string before = "the result is from before a light was taken back: " + open;
+  if (json && !open.empty()) complain(before);  // beside the file, which is given as it stands
+  say(json ? *file : (open.empty() ? "" : before + "\n\n") + result_words(session, *parsed));
   return 0;
 }
 
@@ -195,8 +199,15 @@ int reduce(const ReduceOptions& options) {
 }
 
 int verify(const ReduceOptions& options) {
-  const auto report = verify_session(options.session, threads_of(options.threads));
+  auto report = verify_session(options.session, threads_of(options.threads));
   if (!report) return complain(with_context("verify " + options.session, report.error()));
+  // The one finding that explains the others.
+  if (const std::string open = open_words(options.session); !report->sound && !open.empty())
+    report->findings.insert(
+        report->findings.begin(),
+        "the result is from before a light was taken back, so that what follows "
+        "differs: " +
+            open);
   if (options.json) {
     say(json_text(Json{
         {"sound", report->sound}, {"findings", report->findings}, {"summary", report->summary}}));

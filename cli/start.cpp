@@ -8,6 +8,7 @@
 #include "cli/progress_view.h"
 #include "cli/say.h"
 #include "cli/service_client.h"
+#include "cli/standing.h"
 #include "cli/verbs.h"
 #include "config/json_text.h"
 #include "daemon/session/durable_file.h"
@@ -152,7 +153,13 @@ int watch(const ServiceOptions& options) {
     return 0;
   }
   const Json& session = (*status)["session"];
-  if (has_ended(text(session, "state"))) return tell_end(session, options.json);
+  if (has_ended(text(session, "state"))) {
+    const int code = tell_end(session, options.json);
+    // It was done until somebody took a light back.
+    if (const std::string open = open_words(client, session); !open.empty() && !options.json)
+      say("its result is from before a light was taken back: " + open);
+    return code;
+  }
   return follow(client, text(session, "id"), options.json);
 }
 

@@ -10,6 +10,8 @@
 #include "daemon/service/api_body.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/plan_json.h"
+#include "daemon/session/session_upkeep.h"
+#include "daemon/session/taken_back.h"
 
 namespace lightrig {
 namespace {
@@ -37,16 +39,18 @@ std::vector<std::string> session_names(const fs::path& root) {
   return names;
 }
 
-// How far a session without a result came; "interrupted" when its service ended without a word.
+// How far a session that is not finished came; "interrupted" when its service ended without a word.
 Json progress_of(const fs::path& folder, bool in_hand, State now) {
   const auto record = read_session_folder(folder);
   if (!record) return {{"state", "damaged"}};
   std::string state = record->state;
   if (state == "capturing" && !in_hand) state = "interrupted";
   if (state == "done" && in_hand && now == State::reducing) state = name_of(now);
-  return {{"state", state},
-          {"shots_done", record->shots.size()},
-          {"shots_planned", record->plan.shots.size()}};
+  Json json{{"state", state},
+            {"shots_done", record->shots.size()},
+            {"shots_planned", record->plan.shots.size()}};
+  if (auto open = taken_back(record->events); !open.empty()) json["taken_back"] = std::move(open);
+  return json;
 }
 
 HttpReply file_of(const fs::path& root, const std::string& id, const fs::path& file) {
@@ -129,7 +133,9 @@ HttpAnswer Api::list_sessions(const HttpRequest&, const std::string&) {
       std::error_code error;
       const bool result = fs::exists(root / name / "result" / "result.json", error);
       Json one{{"id", name}, {"result", result}};
-      if (!result && examined++ < most_examined)
+      // A result is none of the session as it is, once a light of it was taken back.
+      const bool finished = result && is_finished({root / name});
+      if (!finished && examined++ < most_examined)
         one.update(progress_of(root / name,
                                moment.busy && moment.session && moment.session->id == name,
                                moment.state));

@@ -60,6 +60,35 @@ TEST_F(ServiceVerbs, SpeakOfSessionsAsThisProgramDoes) {
   EXPECT_THAT(locked, Not(HasSubstr(nowhere)));
 }
 
+// Found as: "result", "done, 4 of 4 lights", and 19 findings of which none said why.
+TEST_F(ServiceVerbs, SayWhereTheyShowAResultThatALightOfItIsOpen) {
+  begin_service("inf");
+  const std::string id = whole_session();
+  EXPECT_THAT(lightrig("sessions"), HasSubstr("result"));
+  EXPECT_EQ(ask("retake " + id + " L02").code, 0);
+
+  const std::string open = "L02 open; lightrig resume " + id;
+  for (const std::string verb : {"sessions", "status", "watch"})
+    EXPECT_THAT(lightrig(verb), HasSubstr(open)) << verb;
+  const std::string result = lightrig("result " + folder_of(id));
+  EXPECT_LT(result.find(open), result.find("session " + id + " of")) << result;
+  EXPECT_THAT(lightrig("result --json " + folder_of(id)), HasSubstr(open));
+  const Said verified = ask("verify " + folder_of(id));
+  EXPECT_EQ(verified.code, 1);
+  EXPECT_THAT(verified.text.substr(0, verified.text.find('\n')), HasSubstr(open));
+  kill_service();
+  begin_service("inf");
+  EXPECT_THAT(lightrig("status"), HasSubstr("unfinished " + id + ": " + open));
+
+  EXPECT_EQ(ask("resume " + id).code, 0);
+  EXPECT_THAT(lightrig("watch"), HasSubstr("is done after"));
+  for (const std::string verb : {"sessions", "status", "watch", "result"})
+    EXPECT_THAT(lightrig(verb + (verb == "result" ? " " + folder_of(id) : "")),
+                Not(HasSubstr(open)))
+        << verb;
+  EXPECT_EQ(ask("verify " + folder_of(id)).code, 0);
+}
+
 TEST(AbortLine, TakesWhatItKnowsAndCallsTheRestTheReason) {
   const cli::ServiceOptions usual{"/run/s", "eve", false};
   const auto read = [&](const std::vector<std::string>& words) {
