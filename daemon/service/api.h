@@ -92,6 +92,7 @@ class Api {
   HttpAnswer stop(const HttpRequest&, const std::string&);
   HttpAnswer halt(const HttpRequest&, const std::string&);
   HttpAnswer retake(const HttpRequest&, const std::string&);
+  void tell_retake(const std::string& id, const SessionFolder& folder);
   HttpAnswer abort_session(const HttpRequest&, const std::string&);
   HttpAnswer events(const HttpRequest&, const std::string&);
   HttpAnswer preview(const HttpRequest&, const std::string&);

@@ -8,6 +8,7 @@
 #include "config/read_rig.h"
 #include "daemon/service/api.h"
 #include "daemon/service/api_body.h"
+#include "daemon/service/status_json.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/plan_json.h"
 #include "daemon/session/session_upkeep.h"
@@ -180,8 +181,17 @@ HttpAnswer Api::retake(const HttpRequest& request, const std::string& id) {
     if (auto done = retake_shot({*folder}, shot); !done) return error_reply(done.error());
     log_.info("retake",
               {{"session", id}, {"shot", shot}, {"by", caller.name}, {"peer", caller.peer}});
+    tell_retake(id, {*folder});
     return json_reply(200, {{"ok", true}});
   }};
+}
+
+// Who watches that session is told at once, and not only when it is resumed.
+void Api::tell_retake(const std::string& id, const SessionFolder& folder) {
+  const auto journal = replay_journal(folder.journal());
+  if (!journal) return;
+  for (const JournalEvent& event : journal->events)
+    hub_.publish_of(id, event.sequence, event.event, event_json(id, event));
 }
 
 // As it is now: what the journal's `replanned` events changed is in it.

@@ -65,8 +65,18 @@ void EventHub::begin_session(const std::string& id) {
   values_.erase("preview");
 }
 
-void EventHub::publish(std::uint64_t sequence, const std::string& event, std::string json) {
+void EventHub::publish(std::uint64_t sequence, const std::string& event, const std::string& json) {
   const std::lock_guard lock(mutex_);
+  append(sequence, event, json);
+}
+
+void EventHub::publish_of(const std::string& session, std::uint64_t sequence,
+                          const std::string& event, const std::string& json) {
+  const std::lock_guard lock(mutex_);
+  if (session_ == session) append(sequence, event, json);
+}
+
+void EventHub::append(std::uint64_t sequence, const std::string& event, const std::string& json) {
   if (!history_.empty() && sequence <= history_.back().sequence) return;
   history_.push_back(
       {sequence, fmt::format("id: {}\nevent: {}\ndata: {}\n\n", sequence, event, json)});

@@ -54,7 +54,11 @@ class EventHub {
 
   /// One journal event: `sequence` ascending, `json` one line. One that was published before is not
   /// published again.
-  void publish(std::uint64_t sequence, const std::string& event, std::string json);
+  void publish(std::uint64_t sequence, const std::string& event, const std::string& json);
+
+  /// The same from outside the session's own run: nothing where readers are told of another.
+  void publish_of(const std::string& session, std::uint64_t sequence, const std::string& event,
+                  const std::string& json);
 
   /// The newest value of `name`; `json` one line.
   void update(const std::string& name, std::string json);
@@ -82,6 +86,7 @@ class EventHub {
     std::uint64_t version;
     std::string text;
   };
+  void append(std::uint64_t sequence, const std::string& event, const std::string& json);
   void wake_all();
 
   mutable std::mutex mutex_;

@@ -51,6 +51,17 @@ TEST(EventHub, ReplaysExactlyWhatAReturningReaderMissed) {
   EXPECT_EQ(Listener(hub, "", 0).drain(), event(1) + event(2) + event(3) + event(4) + event(5));
 }
 
+TEST(EventHub, TakesAnEventFromOutsideForTheSessionOfWhichItTells) {
+  EventHub hub;
+  hub.begin_session("a");
+  publish(hub, 1, 2);
+  hub.publish_of("b", 3, "shot", "{}");
+  hub.publish_of("a", 2, "shot", "{}");
+  EXPECT_EQ(Listener(hub, "a", 2).drain(), "");
+  hub.publish_of("a", 3, "shot", "{\"n\":3}");
+  EXPECT_EQ(Listener(hub, "a", 2).drain(), event(3));
+}
+
 // Found as progress of the previous session, printed by `start --wait` as that of the new one.
 TEST(EventHub, TellsNoProgressOfTheSessionBefore) {
   EventHub hub;
