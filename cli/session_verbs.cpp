@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <optional>
 #include <thread>
 
 #include "cli/json_fields.h"
@@ -131,6 +132,23 @@ std::string problem_of_result(const Json& json) {
   return problem;
 }
 
+// What the service calls a session that is named here: what is no folder here is an id, and a
+// folder in the service's root has one; whoever goes past the service goes past its lock and its
+// log. Empty for any other folder, and where no service answers.
+Result<std::optional<std::string>> id_at_service(const ServiceClient& client,
+                                                 const std::string& session) {
+  std::error_code error;
+  if (!std::filesystem::exists(SessionFolder{session}.journal(), error)) return session;
+  const auto list = client.get_json("/v1/sessions");
+  if (!list && list.error().code == ErrorCode::disconnected) return std::nullopt;
+  if (!list) return tl::unexpected(list.error());
+  const auto folder = std::filesystem::canonical(session, error);
+  if (error || !std::filesystem::equivalent(folder.parent_path(), text(*list, "root"), error) ||
+      !session_path(folder.filename().string()))  // none that the service takes for a session
+    return std::nullopt;
+  return folder.filename().string();
+}
+
 Result<void> retake_at_service(const ServiceClient& client, const std::string& session,
                                const std::string& shot) {
   const auto path = session_path(session);
@@ -219,10 +237,10 @@ int verify(const ReduceOptions& options) {
 }
 
 int retake(const ServiceOptions& options, const std::string& session, const std::string& shot) {
-  std::error_code error;
-  const bool here = std::filesystem::exists(SessionFolder{session}.journal(), error);
-  if (auto done = here ? retake_shot(SessionFolder{session}, shot)
-                       : retake_at_service(ServiceClient(options), session, shot);
+  const auto id = id_at_service(ServiceClient(options), session);
+  if (!id) return complain(with_context("retake " + shot, id.error()));
+  if (auto done = *id ? retake_at_service(ServiceClient(options), **id, shot)
+                      : retake_shot(SessionFolder{session}, shot);
       !done)
     return complain(done.error());
   if (options.json) {

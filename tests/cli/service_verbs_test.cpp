@@ -89,6 +89,28 @@ TEST_F(ServiceVerbs, SayWhereTheyShowAResultThatALightOfItIsOpen) {
   EXPECT_EQ(ask("verify " + folder_of(id)).code, 0);
 }
 
+// Found as: a folder's name went past the lock, and past the log.
+TEST_F(ServiceVerbs, RetakeAFolderOfTheServiceThroughTheService) {
+  begin_service("inf");
+  const std::string id = whole_session();
+  lightrig("lock --as bob");
+  const Said locked = ask("retake " + folder_of(id) + "/ L02 --as eve");
+  EXPECT_EQ(locked.code, 1);
+  EXPECT_THAT(locked.text, HasSubstr("the rig is locked by bob"));
+  EXPECT_THAT(lightrig("sessions"), Not(HasSubstr("open")));
+  EXPECT_EQ(ask("retake " + folder_of(id) + " L02 --as bob").code, 0);
+  EXPECT_THAT(log(), HasSubstr("event=retake"));
+
+  // A folder elsewhere is none of the service's, and without a service there is nobody to ask.
+  const std::string copy = (folder_.path() / "copy").string();
+  std::filesystem::copy(folder_of(id), copy, std::filesystem::copy_options::recursive);
+  EXPECT_EQ(ask("retake " + copy + " L01 --as eve").code, 0);
+  EXPECT_THAT(lightrig("sessions"), HasSubstr(" L02 open"));
+  kill_service();
+  const Said alone = ask("retake " + folder_of(id) + " L01 --as eve");
+  EXPECT_EQ(alone.code, 0) << alone.text;
+}
+
 TEST(AbortLine, TakesWhatItKnowsAndCallsTheRestTheReason) {
   const cli::ServiceOptions usual{"/run/s", "eve", false};
   const auto read = [&](const std::vector<std::string>& words) {
