@@ -85,15 +85,26 @@ std::string in_a_sentence(std::string message, const std::string& extension) {
   return message;
 }
 
+bool names_its_own_vertices(const aiMesh* mesh) {
+  return std::ranges::all_of(std::span(mesh->mFaces, mesh->mNumFaces), [&](const aiFace& face) {
+    return std::ranges::all_of(std::span(face.mIndices, face.mNumIndices),
+                               [&](unsigned index) { return index < mesh->mNumVertices; });
+  });
+}
+
 Imported import_bytes(std::span<const std::byte> bytes, const std::string& extension) {
   // The library throws on some broken files and returns null on others; both end here.
   try {
     Assimp::Importer importer;
     importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE,
                                 aiPrimitiveType_POINT | aiPrimitiveType_LINE);
-    const aiScene* scene = importer.ReadFileFromMemory(
-        bytes.data(), bytes.size(), aiProcess_Triangulate | aiProcess_SortByPType,
-        extension.c_str());
+    const aiScene* scene =
+        importer.ReadFileFromMemory(bytes.data(), bytes.size(), 0, extension.c_str());
+    if (scene == nullptr) return {{}, in_a_sentence(importer.GetErrorString(), extension)};
+    // Its further steps believe every index.
+    if (!std::ranges::all_of(std::span(scene->mMeshes, scene->mNumMeshes), names_its_own_vertices))
+      return {{}, "a face of it names a vertex that there is not"};
+    scene = importer.ApplyPostProcessing(aiProcess_Triangulate | aiProcess_SortByPType);
     if (scene == nullptr) return {{}, in_a_sentence(importer.GetErrorString(), extension)};
     const std::span parts(scene->mMeshes, scene->mNumMeshes);
     // STL has one normal per facet, which would make every facet an island.

@@ -38,11 +38,14 @@ struct Head {
   }
 };
 
+/// 0: no type of PLY.
 int bytes_of(const std::string& type) {
   if (type == "char" || type == "uchar" || type == "int8" || type == "uint8") return 1;
   if (type == "short" || type == "ushort" || type == "int16" || type == "uint16") return 2;
   if (type == "double" || type == "float64") return 8;
-  return 4;
+  if (type == "int" || type == "uint" || type == "int32" || type == "uint32") return 4;
+  if (type == "float" || type == "float32") return 4;
+  return 0;
 }
 
 /// Of any bytes, as much as may stand in a message.
@@ -61,9 +64,21 @@ std::optional<std::string> unknown_line(std::string_view text) {
   int number = 1;
   for (std::string line; std::getline(lines, line); ++number) {
     std::istringstream words(line);
-    std::string what;
-    words >> what;
+    std::string what, type, count, item, name;
+    words >> what >> type;
     if (what == "end_header") return std::nullopt;
+    if (what == "property") {
+      // An importer may take a type it does not know for one of another size.
+      const bool list = type == "list";
+      if (list) words >> count >> item;
+      words >> name;
+      for (const std::string& one : list ? std::vector{count, item} : std::vector{type})
+        if (bytes_of(one) == 0)
+          return fmt::format("line {} of its header: '{}' is no type of a property", number,
+                             printable(one));
+      if (name.empty())
+        return fmt::format("line {} of its header: the property has no name", number);
+    }
     if (std::ranges::find(known, what) == known.end() && !what.empty())
       return fmt::format("line {} of its header begins with '{}', which no PLY header has", number,
                          printable(what));

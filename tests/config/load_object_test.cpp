@@ -174,11 +174,17 @@ TEST(LoadObject, RefusesTruncatedAndAbsurdFilesWithTheReason) {
   absurd.replace(absurd.find("vertex 4"), 8, "vertex 4000000000");
   std::string misspelt = ply;
   misspelt.replace(misspelt.find("property float y"), 8, "proper\xfft");
+  std::string odd = ply;
+  odd.replace(odd.find("float y"), 7, "floatt y");
+  std::string nameless = ply;
+  nameless.replace(nameless.find("float y"), 7, "float");
   std::string bare = ply;
   bare.insert(bare.find("element face"), "element edge 1\n");
   const std::vector<std::pair<std::filesystem::path, const char*>> files = {
       {folder.write("misspelt.ply", misspelt),
        "line 5 of its header begins with 'proper?t', which no PLY header has"},
+      {folder.write("odd.ply", odd), "line 5 of its header: 'floatt' is no type of a property"},
+      {folder.write("nameless.ply", nameless), "line 5 of its header: the property has no name"},
       {folder.write("bare.ply", bare),
        "its header says of no property that its element 'edge' has"},
       {folder.write("cut_faces.ply", ply.substr(0, ply.size() - 16)), "truncated?"},
