@@ -65,6 +65,13 @@ std::string progress_line(const Json& progress, int width) {
   return cut_to(fmt::format("{} {}  {}", bar(percent / 100, cells), facts, activity), width - 1);
 }
 
+std::string standing_warning(const Json& event) {
+  if (text(event, "event") != "pose") return {};
+  const Json& fields = part(event, "fields");
+  const std::string reason = text(fields, "reason");
+  return reason.empty() ? reason : fmt::format("WARNING, at {}: {}", text(fields, "name"), reason);
+}
+
 void ProgressView::show(const Json& progress) {
   if (terminal_) {
     std::fprintf(stdout, "\r\x1b[K%s", progress_line(progress, width_).c_str());

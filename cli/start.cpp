@@ -86,6 +86,7 @@ int follow(const ServiceClient& client, const std::string& id, bool json) {
       if (!json) told = tell_curve(last, told, view);
       return !has_ended(text(last, "state"));
     }
+    if (const std::string line = standing_warning(data); !json && !line.empty()) view.note(line);
     if (event == "progress" && text(data, "session") == id) {
       if (json)
         say(json_text(data));
