@@ -60,6 +60,16 @@ fs::path units_in(const fs::path& folder) {
   return folder;
 }
 
+// Who lowers the one alone silently loses what the session lends the thread that it waits for.
+TEST(Systemd, LetsAThreadThatWentDownComeUpAgainAsFarAsTheService) {
+  const std::string unit =
+      text_of(fs::path(lightrig::test::source_dir) / "systemd/lightrigd.service.in");
+  std::smatch nice, limit;
+  ASSERT_TRUE(std::regex_search(unit, nice, std::regex("\nNice=(.*)\n")));
+  ASSERT_TRUE(std::regex_search(unit, limit, std::regex("\nLimitNICE=(.*)\n")));
+  EXPECT_EQ(nice[1], limit[1]);
+}
+
 TEST(SystemdUnits, AreVerifiedWithoutAWord) {
   ScratchFolder folder;
   const std::string units = units_in(folder.path()).string();
