@@ -133,11 +133,23 @@ class Body {
     return true;
   }
 
+  /// Of text, an element's values are those of its line, as importers read them; binary ones have
+  /// none. False where there is no further line, or a byte in it that no text has.
+  bool begin_element() {
+    if (encoding_ != Encoding::ascii) return true;
+    const auto end = std::min(left_.find('\n'), left_.size());
+    line_ = left_.substr(0, end);
+    left_.remove_prefix(std::min(end + 1, left_.size()));
+    return std::ranges::all_of(line_, [](char c) {
+      return c == '\t' || c == '\r' || static_cast<unsigned char>(c) >= 0x20;
+    });
+  }
+
   std::optional<std::int64_t> read_count(int bytes) {
     const auto value = read_whole(bytes);
     // More items than bytes can only be a mistake; it must not overflow what skip() multiplies.
-    if (!value || *value < 0 || static_cast<std::uint64_t>(*value) > left_.size())
-      return std::nullopt;
+    const std::size_t rest = encoding_ == Encoding::ascii ? line_.size() : left_.size();
+    if (!value || *value < 0 || static_cast<std::uint64_t>(*value) > rest) return std::nullopt;
     return value;
   }
 
@@ -163,16 +175,17 @@ class Body {
 
  private:
   std::string_view word() {
-    constexpr const char* blanks = " \t\r\n";
-    const auto begin = std::min(left_.find_first_not_of(blanks), left_.size());
-    left_.remove_prefix(begin);
-    const auto end = std::min(left_.find_first_of(blanks), left_.size());
-    const std::string_view found = left_.substr(0, end);
-    left_.remove_prefix(end);
+    constexpr const char* blanks = " \t\r";
+    const auto begin = std::min(line_.find_first_not_of(blanks), line_.size());
+    line_.remove_prefix(begin);
+    const auto end = std::min(line_.find_first_of(blanks), line_.size());
+    const std::string_view found = line_.substr(0, end);
+    line_.remove_prefix(end);
     return found;
   }
 
   std::string_view left_;
+  std::string_view line_;  ///< of text: what is left of the element's
   Encoding encoding_;
 };
 
@@ -186,6 +199,7 @@ struct Walked {
 };
 
 Walked walk(const Element& element, std::int64_t vertices, Body& body) {
+  if (!body.begin_element()) return {};
   for (const Property& property : element.properties) {
     std::int64_t values = 1;
     if (property.list) {
@@ -227,8 +241,8 @@ std::optional<std::string> ply_shortfall(std::span<const std::byte> bytes) {
       const Walked walked = walk(element, vertices, body);
       if (!walked.whole)
         return fmt::format(
-            "its header promises {} and {}, but its {} bytes end before {} {}: truncated? Copy it "
-            "again from where it came from",
+            "its header promises {} and {}, but its {} bytes end before {} {}, or its line is not "
+            "whole: truncated? Copy it again from where it came from",
             counted(vertices, "vertex", "vertices"), counted(faces, "face", "faces"), bytes.size(),
             element.name, i + 1);
       if (walked.stray)

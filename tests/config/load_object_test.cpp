@@ -174,6 +174,10 @@ TEST(LoadObject, RefusesTruncatedAndAbsurdFilesWithTheReason) {
   absurd.replace(absurd.find("vertex 4"), 8, "vertex 4000000000");
   std::string misspelt = ply;
   misspelt.replace(misspelt.find("property float y"), 8, "proper\xfft");
+  std::string with_nul = ply;
+  with_nul[with_nul.find("0 0 0\n1") + 1] = '\0';
+  std::string two_lines = ply;
+  two_lines[two_lines.find("3 0 2 1") + 1] = '\n';
   std::string odd = ply;
   odd.replace(odd.find("float y"), 7, "floatt y");
   std::string nameless = ply;
@@ -183,6 +187,8 @@ TEST(LoadObject, RefusesTruncatedAndAbsurdFilesWithTheReason) {
   const std::vector<std::pair<std::filesystem::path, const char*>> files = {
       {folder.write("misspelt.ply", misspelt),
        "line 5 of its header begins with 'proper?t', which no PLY header has"},
+      {folder.write("with_nul.ply", with_nul), "end before vertex 1, or its line is not whole"},
+      {folder.write("two_lines.ply", two_lines), "end before face 1, or its line is not whole"},
       {folder.write("odd.ply", odd), "line 5 of its header: 'floatt' is no type of a property"},
       {folder.write("nameless.ply", nameless), "line 5 of its header: the property has no name"},
       {folder.write("bare.ply", bare),
