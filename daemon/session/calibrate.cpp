@@ -1,9 +1,11 @@
 #include "daemon/session/calibrate.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 
 #include "daemon/session/durable_file.h"
@@ -84,6 +86,30 @@ Result<std::optional<TargetInRig>> target_in_rig(const std::optional<BoardPlace>
   return TargetInRig{0, *pose};
 }
 
+/// One line for each reason, with the pictures that it holds for.
+class PassedOver {
+ public:
+  void add(const std::filesystem::path& file, const std::string& why) {
+    std::vector<std::string>& names = names_of_[why];
+    if (names.empty()) order_.push_back(why);
+    names.push_back(file.filename().string());
+  }
+  std::vector<std::string> lines() const {
+    std::vector<std::string> all;
+    for (const std::string& why : order_) {
+      const std::vector<std::string>& names = names_of_.at(why);
+      all.push_back(names.size() < 4 ? fmt::format("{}: {}", fmt::join(names, ", "), why)
+                                     : fmt::format("{} images ({} … {}): {}", names.size(),
+                                                   names.front(), names.back(), why));
+    }
+    return all;
+  }
+
+ private:
+  std::map<std::string, std::vector<std::string>> names_of_;
+  std::vector<std::string> order_;
+};
+
 /// Which of the pictures in use the board was placed in. Never another than the one that is meant:
 /// what was measured on the rig holds for that picture alone.
 Result<std::size_t> view_of(const BoardPlace& board,
@@ -111,6 +137,7 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
   auto placed = target_in_rig(board, target);
   if (!placed) return tl::unexpected(placed.error());
   run.placed = *placed;
+  PassedOver passed_over;
   std::vector<TargetCorners> views;
   std::vector<std::filesystem::path> used;
   int width = 0, height = 0;
@@ -128,8 +155,7 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
     auto corners = find_corners(*image, target);
     if (!corners) {
       if (corners.error().code == ErrorCode::invalid_input) return tl::unexpected(corners.error());
-      run.skipped.push_back(
-          fmt::format("{}: {}", file.filename().string(), corners.error().message));
+      passed_over.add(file, corners.error().message);
       continue;
     }
     const auto bytes = read_file(file);
@@ -138,6 +164,7 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
     used.push_back(file);
     views.push_back(std::move(*corners));
   }
+  run.skipped = passed_over.lines();
   auto calibration = calibrate_camera(views, width, height);
   if (!calibration) {
     std::string message = calibration.error().message;

@@ -16,7 +16,7 @@ namespace lightrig {
 struct CalibrationRun {
   CameraCalibration calibration;
   std::vector<MadeFrom> used;        ///< (views) images that the target was found in
-  std::vector<std::string> skipped;  ///< one sentence for every other image
+  std::vector<std::string> skipped;  ///< one sentence for each reason not to use images
   std::optional<TargetInRig> placed;
   std::string text;  ///< of the file to be written
 };

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <string>
@@ -15,6 +16,8 @@ namespace {
 struct FloatPicture {
   int width = 0, height = 0, channels = 0;
   std::vector<float> values;  // (height · width · channels)
+  bool deep = false;          // more than 8 bits a value
+  bool mosaic = false;        // a stored frame of a Bayer sensor
 
   float at(int x, int y, int channel) const {
     const auto i = (static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
@@ -37,7 +40,10 @@ Result<FloatPicture> read_picture(const std::filesystem::path& file) {
           ErrorCode::invalid_input,
           fmt::format("read the picture \"{}\": {} × {} pixels of {} channels cannot be used",
                       file.string(), spec.width, spec.height, spec.nchannels));
-    FloatPicture picture{spec.width, spec.height, std::min(3, spec.nchannels), {}};
+    FloatPicture picture{spec.width, spec.height, std::min(3, spec.nchannels), {}, {}, {}};
+    picture.deep = spec.format.size() > 1;
+    picture.mosaic =
+        std::string(spec.get_string_attribute("lightrig:color_filter")).starts_with("bayer");
     picture.values.resize(static_cast<std::size_t>(picture.width) *
                           static_cast<std::size_t>(picture.height) *
                           static_cast<std::size_t>(picture.channels));
@@ -51,21 +57,58 @@ Result<FloatPicture> read_picture(const std::filesystem::path& file) {
   }
 }
 
+// Where the darkest and the brightest of a deep picture come to lie: what is beyond the percentiles
+// has room to differ still, so that the noise of a white that is most of the picture is not cut
+// off.
+constexpr double low_percentile = 0.005, high_percentile = 0.995;
+constexpr double low_grey = 15, high_grey = 235;
+
+/// Spreads the values of every `step`th row and column, from `first` on, over the greys.
+void stretch(std::vector<double>& values, int width, int height, std::array<int, 2> first,
+             int step) {
+  std::vector<double> seen;
+  const auto each = [&](auto&& use) {
+    for (int y = first[1]; y < height; y += step)
+      for (int x = first[0]; x < width; x += step)
+        use(values[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                   static_cast<std::size_t>(x)]);
+  };
+  each([&](double value) { seen.push_back(value); });
+  if (seen.empty()) return;
+  const auto at = [&](double share) {
+    const auto nth = seen.begin() + std::lround(share * static_cast<double>(seen.size() - 1));
+    std::nth_element(seen.begin(), nth, seen.end());
+    return *nth;
+  };
+  const double low = at(low_percentile), high = at(high_percentile);
+  const double scale = high > low ? (high_grey - low_grey) / (high - low) : 0;
+  each([&](double& value) { value = low_grey + scale * (value - low); });
+}
+
 }  // namespace
 
 Result<GreyImage> read_grey_image(const std::filesystem::path& file) {
   const auto picture = read_picture(file);
   if (!picture) return tl::unexpected(picture.error());
-  GreyImage grey{picture->width, picture->height, {}};
-  for (int y = 0; y < grey.height; ++y) {
-    for (int x = 0; x < grey.width; ++x) {
+  std::vector<double> values;
+  for (int y = 0; y < picture->height; ++y) {
+    for (int x = 0; x < picture->width; ++x) {
       double sum = 0;
       for (int c = 0; c < picture->channels; ++c) sum += double{picture->at(x, y, c)};
       const double mean = 255 * sum / picture->channels;
-      const double value = std::isfinite(mean) ? mean : 0;
-      grey.pixels.push_back(static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.0, 255.0))));
+      values.push_back(std::isfinite(mean) ? mean : 0);
     }
   }
+  if (picture->deep) {
+    // A mosaic's sites see black and white through filters of their own.
+    const int step = picture->mosaic ? 2 : 1;
+    for (int row = 0; row < step; ++row)
+      for (int column = 0; column < step; ++column)
+        stretch(values, picture->width, picture->height, {column, row}, step);
+  }
+  GreyImage grey{picture->width, picture->height, {}};
+  for (const double value : values)
+    grey.pixels.push_back(static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.0, 255.0))));
   return grey;
 }
 

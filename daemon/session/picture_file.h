@@ -8,8 +8,10 @@
 
 namespace lightrig {
 
-/// A picture as 8-bit grey (PNG, JPEG, TIFF, EXR, …): the mean of its channels, deeper ones scaled
-/// from black to their greatest value. Errors: not_found, invalid_input.
+/// A picture as 8-bit grey (PNG, JPEG, TIFF, EXR, …): the mean of its channels. Deeper ones are
+/// spread over the greys from what they hold, since counts of 12 bits fill a sixteenth of 16 and
+/// those of a session's own frames a millionth of 32; of a frame of a Bayer sensor the four kinds
+/// of sites each on its own. Errors: not_found, invalid_input.
 Result<GreyImage> read_grey_image(const std::filesystem::path& file);
 
 /// Light from all directions out of a latitude-longitude picture of linear radiance (EXR, HDR): up

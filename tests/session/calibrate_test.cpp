@@ -1,6 +1,7 @@
 // From pictures of a board in a folder to a rig file that knows where its camera stands.
 #include "daemon/session/calibrate.h"
 
+#include <OpenImageIO/imageio.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -10,8 +11,10 @@
 #include <random>
 
 #include "config/read_rig.h"
+#include "core/sensor.h"
 #include "daemon/session/durable_file.h"
 #include "daemon/session/frame_file.h"
+#include "daemon/session/picture_file.h"
 #include "tests/core/target_scene.h"
 #include "tests/paths.h"
 #include "tests/session/scratch.h"
@@ -154,6 +157,72 @@ TEST_F(Pictures, ACheckerboardCannotBePlaced) {
   const auto run = calibrate_camera_from(good(), checkerboard, as_it_lay());
   ASSERT_FALSE(run);
   EXPECT_THAT(run.error().message, HasSubstr("looks alike from both of its ends"));
+}
+
+/// What a camera of 12 bits makes of a pixel.
+std::uint16_t counts_of(std::uint8_t grey, double filter = 1) {
+  return static_cast<std::uint16_t>(std::lround(40 + filter * 9 * grey));
+}
+
+TEST_F(Pictures, OfTwelveBitsInSixteenAreSpreadOverTheGreys) {
+  std::vector<fs::path> deep;
+  for (const fs::path& file : good()) {
+    const GreyImage grey = read_grey_image(file).value();
+    std::vector<std::uint16_t> counts;
+    for (const std::uint8_t value : grey.pixels) counts.push_back(counts_of(value));
+    deep.push_back(folder_->path() / ("deep_" + file.filename().string()));
+    const auto out = OIIO::ImageOutput::create("png");
+    ASSERT_TRUE(out && out->open(deep.back().string(), OIIO::ImageSpec(grey.width, grey.height, 1,
+                                                                       OIIO::TypeDesc::UINT16)));
+    ASSERT_TRUE(out->write_image(OIIO::TypeDesc::UINT16, counts.data()) && out->close());
+  }
+  const auto run = calibrate_camera_from(deep, board());
+  ASSERT_TRUE(run) << run.error().message;
+  EXPECT_EQ(run->used.size(), good().size());
+  EXPECT_LT(std::abs(run->calibration.model.fx - true_camera().fx), 4 * run->calibration.sigma[0]);
+}
+
+TEST_F(Pictures, OfASessionServeToCalibrateThoughTheSensorHasAMosaic) {
+  SensorModel sensor;
+  sensor.filter = ColorFilter::bayer_rggb;
+  sensor.bits = 12;
+  std::vector<fs::path> stored;
+  for (const fs::path& file : good()) {
+    const GreyImage grey = read_grey_image(file).value();
+    Frame frame;
+    frame.exposure = 0.01;
+    frame.counts.width = grey.width;
+    frame.counts.height = grey.height;
+    for (int y = 0; y < grey.height; ++y)
+      for (int x = 0; x < grey.width; ++x) {
+        const double filters[] = {0.5, 1, 1, 0.3};  // red, green, green, blue
+        const auto at = static_cast<std::size_t>(y) * static_cast<std::size_t>(grey.width) +
+                        static_cast<std::size_t>(x);
+        frame.counts.counts.push_back(counts_of(grey.pixels[at], filters[y % 2 * 2 + x % 2]));
+      }
+    const auto bytes = encode_frame(frame, sensor);
+    ASSERT_TRUE(bytes);
+    stored.push_back(folder_->path() / (file.stem().string() + ".exr"));
+    ASSERT_TRUE(write_durably(stored.back(), *bytes));
+  }
+  const auto run = calibrate_camera_from(stored, board());
+  ASSERT_TRUE(run) << run.error().message;
+  EXPECT_EQ(run->used.size(), good().size());
+  EXPECT_LT(run->calibration.rms, 0.15) << "as of the pictures without a mosaic";
+}
+
+TEST_F(Pictures, ThatShowNothingAreRefusedWithOneSentenceForAllOfThem) {
+  std::vector<fs::path> empty;
+  for (const char* name : {"a.png", "b.png", "c.png", "d.png", "e.png"}) {
+    const auto png = encode_png(480, 360, 1, std::vector<std::uint8_t>(std::size_t{480} * 360, 90));
+    empty.push_back(folder_->path() / name);
+    ASSERT_TRUE(png && write_durably(empty.back(), *png));
+  }
+  const auto run = calibrate_camera_from(empty, board());
+  ASSERT_FALSE(run);
+  const std::string& message = run.error().message;
+  EXPECT_THAT(message, HasSubstr("; 5 images (a.png … e.png): 0 markers"));
+  EXPECT_EQ(message.find("0 markers"), message.rfind("0 markers")) << message;
 }
 
 }  // namespace
