@@ -97,16 +97,37 @@ std::vector<Found> cameras(std::string& problem) {
   return found;
 }
 
-// A rig's own devices are opened and given back: nothing moves, no lamp is lit.
-int try_rig(const std::string& path) {
+// A rig's own devices, each opened whatever became of the others, and what speaks against the rig.
+std::vector<TriedDevice> try_rig(const std::string& path, std::vector<std::string>& problems) {
   const RigFiles files = read_rig_files(path, "");
   show_diagnostics(files);
-  if (!files.valid()) return 1;
+  if (!files.valid()) {
+    problems.push_back(fmt::format("{} is no valid rig file: lightrig check shows why", path));
+    return {};
+  }
   RealClock clock;
-  const auto opened = open_devices(*files.rig.value, clock);
-  if (!opened) return complain(with_context("open the rig's devices", opened.error()));
-  say(fmt::format("the rig's gantry, lamp and camera ({}) answer", opened->camera->identity()));
-  return 0;
+  std::vector<TriedDevice> tried = try_devices(*files.rig.value, clock);
+  for (const TriedDevice& one : tried)
+    if (!one.problem.empty()) problems.push_back(one.problem);
+  return tried;
+}
+
+std::string found_words(const std::vector<Found>& found, bool looked_for_cameras) {
+  if (found.empty())
+    return looked_for_cameras ? "no serial port, no USB device and no camera is there"
+                              : "no serial port and no USB device is there";
+  std::vector<std::vector<std::string>> rows;
+  for (const Found& one : found)
+    rows.push_back({one.kind + "  " + one.name, one.what,
+                    one.obstacle.empty() ? "can be opened" : one.obstacle});
+  return table({"device", "what it says", "opening it"}, rows);
+}
+
+std::string tried_words(const std::vector<TriedDevice>& tried) {
+  std::vector<std::vector<std::string>> rows;
+  for (const TriedDevice& one : tried)
+    rows.push_back({one.device, one.answer, one.problem.empty() ? "answers" : "does not open"});
+  return table({"of the rig", "what it says", "opening it"}, rows);
 }
 
 }  // namespace
@@ -114,28 +135,31 @@ int try_rig(const std::string& path) {
 int devices(const DevicesOptions& options) {
   std::vector<Found> found = serial_ports();
   for (Found& one : usb_devices()) found.push_back(std::move(one));
-  std::string problem;
-  for (Found& one : cameras(problem)) found.push_back(std::move(one));
+  std::string not_looked;
+  for (Found& one : cameras(not_looked)) found.push_back(std::move(one));
+  std::vector<std::string> of_the_rig;
+  std::vector<TriedDevice> tried;
+  if (!options.rig.empty()) tried = try_rig(options.rig, of_the_rig);
   if (options.json) {
-    Json list = Json::array();
+    Json list = Json::array(), opened = Json::array(), problems = Json::array();
     for (const Found& one : found)
       list.push_back(
           {{"kind", one.kind}, {"name", one.name}, {"what", one.what}, {"obstacle", one.obstacle}});
-    say(json_text(Json{{"devices", std::move(list)},
-                       {"problems", problem.empty() ? Json::array() : Json::array({problem})}}));
+    for (const TriedDevice& one : tried)
+      opened.push_back(
+          {{"device", one.device}, {"what", one.answer}, {"opened", one.problem.empty()}});
+    if (!not_looked.empty()) problems.push_back(not_looked);
+    for (const std::string& problem : of_the_rig) problems.push_back(problem);
+    Json json{{"devices", std::move(list)}, {"problems", std::move(problems)}};
+    if (!options.rig.empty()) json["rig"] = std::move(opened);
+    say(json_text(json));
   } else {
-    std::vector<std::vector<std::string>> rows;
-    for (const Found& one : found)
-      rows.push_back({one.kind + "  " + one.name, one.what,
-                      one.obstacle.empty() ? "can be opened" : one.obstacle});
-    if (rows.empty())
-      say(problem.empty() ? "no serial port, no USB device and no camera is there"
-                          : "no serial port and no USB device is there");
-    else
-      say(table({"device", "what it says", "opening it"}, rows));
-    if (!problem.empty()) say(problem);
+    say(found_words(found, not_looked.empty()));
+    if (!not_looked.empty()) say(not_looked);
+    if (!tried.empty()) say(tried_words(tried));
   }
-  return options.rig.empty() ? 0 : try_rig(options.rig);
+  for (const std::string& problem : of_the_rig) complain(problem);
+  return of_the_rig.empty() ? 0 : 1;
 }
 
 }  // namespace lightrig::cli

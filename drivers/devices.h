@@ -76,6 +76,15 @@ struct Devices {
 
 /// Opens the hardware that the rig file names, and nothing else.
 Result<Devices> open_devices(const Rig& rig, Clock& clock);
+/// What came of opening one of a rig's devices.
+struct TriedDevice {
+  std::string device;   ///< "gantry", "lamp", "camera"
+  std::string answer;   ///< what it says of itself, where it says anything
+  std::string problem;  ///< "open gantry: …", why it could not be; "" when it was
+};
+/// Opens the rig's three devices, each whether or not the others open, and gives them back: nothing
+/// moves, no lamp is lit.
+std::vector<TriedDevice> try_devices(const Rig& rig, Clock& clock);
 /// The rig's camera alone.
 Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, Clock& clock);
 /// Whether the lamp can be lost and opened by itself: it shares neither controller nor wire with

@@ -85,6 +85,24 @@ Result<Devices> open_devices(const Rig& rig, Clock& clock) {
   return devices;
 }
 
+std::vector<TriedDevice> try_devices(const Rig& rig, Clock& clock) {
+  TriedDevice gantry{"gantry", {}, {}}, lamp{"lamp", {}, {}}, camera{"camera", {}, {}};
+  auto moving = std::visit([&](const auto& backend) { return open_gantry(rig, backend, clock); },
+                           rig.gantry.backend);
+  if (!moving) gantry.problem = "open gantry: " + moving.error().message;
+  // A gantry that did not open has given the wire back; a unit of the lamp's own may answer on it.
+  if (!moving && lamp_is_the_gantrys(rig)) {
+    lamp.problem = "open lamp: it is reached through the gantry alone, which does not open";
+  } else if (!moving || !moving->lamp) {
+    if (const auto own = open_lamp(rig, clock); !own) lamp.problem = own.error().message;
+  }
+  if (const auto seeing = open_camera(rig, clock))
+    camera.answer = (*seeing)->identity();
+  else
+    camera.problem = seeing.error().message;
+  return {gantry, lamp, camera};
+}
+
 Result<std::unique_ptr<Camera>> open_camera(const Rig& rig, Clock& clock) {
   auto camera = std::visit([&](const auto& backend) { return open_camera(rig, backend, clock); },
                            rig.camera.backend);

@@ -190,6 +190,32 @@ TEST_F(CommandLine, ListsWhatIsPluggedInOrSaysWhatItCannotLookFor) {
   EXPECT_THAT(json.at("problems")[0].get<std::string>(), HasSubstr("cameras: not in this build"));
 }
 
+TEST_F(CommandLine, TellsOfEachOfARigsDevicesWhetherOrNotTheOthersOpen) {
+  const std::string rig = (fs::path(lightrig::test::source_dir) / "config/paper.toml").string();
+  const Outcome listed = run(lightrig + " devices --json " + rig);
+  EXPECT_EQ(listed.code, 1);
+  const Json json = Json::parse(listed.out);
+  ASSERT_EQ(json.at("rig").size(), 3U);
+  for (const auto& [at, name] : {std::pair(0U, "gantry"), {1U, "lamp"}, {2U, "camera"}}) {
+    EXPECT_EQ(json["rig"][at]["device"], name);
+    EXPECT_FALSE(json["rig"][at]["opened"].get<bool>());
+    const std::string why = std::string("open ") + name + ": ";
+    EXPECT_EQ(std::count_if(json["problems"].begin(), json["problems"].end(),
+                            [&](const Json& one) {
+                              return one.get<std::string>().starts_with(why) &&
+                                     one.get<std::string>().find("only in memory") !=
+                                         std::string::npos;
+                            }),
+              1)
+        << name;
+  }
+  const Outcome words = run(lightrig + " devices " + rig);
+  EXPECT_THAT(words.out, ::testing::ContainsRegex("camera +does not open"));
+  EXPECT_THAT(words.err, HasSubstr("the camera no backend"));
+  const Json none = Json::parse(run(lightrig + " devices --json /nowhere/rig.toml").out);
+  EXPECT_THAT(none.at("problems").back().get<std::string>(), HasSubstr("no valid rig file"));
+}
+
 TEST_F(CommandLine, SaysHowManyFramesASessionStoresAtMost) {
   const Json dry = Json::parse(run(lightrig + " dry-run --json " + demo).out);
   // Eight dark frames; of every light one without the lamp and eight with it.
