@@ -178,9 +178,21 @@ Json dry_run_json(const Rig& rig, const SessionSpec& spec, const Prepared& prepa
                     {"travel_max", axis.max * unit.per_si}});
   }
   const SessionSize size = largest_session(rig, spec, plan);
-  return {{"dark_s", time.dark},           {"steps", std::move(steps)},
-          {"total_s", time.total()},       {"axes", std::move(axes)},
-          {"frames_at_most", size.frames}, {"bytes_at_most", size.bytes}};
+  Json left_out = Json::object();
+  for (const LeftOutLine& line : planned_left_out(prepared)) {
+    Json one{{"what", line.what}, {"left_out", line.left_out}};
+    if (line.of) one["of"] = *line.of;
+    if (!line.why.empty()) one["why"] = line.why;
+    left_out[line.name] = std::move(one);
+  }
+  return {{"dark_s", time.dark},
+          {"steps", std::move(steps)},
+          {"total_s", time.total()},
+          {"axes", std::move(axes)},
+          {"frames_at_most", size.frames},
+          {"bytes_at_most", size.bytes},
+          {"left_out", std::move(left_out)},
+          {"remarks", prepared.remarks}};
 }
 
 std::string dry_run_words(const Rig& rig, const SessionSpec& spec, const Prepared& prepared,
@@ -216,7 +228,22 @@ std::string dry_run_words(const Rig& rig, const SessionSpec& spec, const Prepare
       "\ntotal      {} without homing\nstorage    {} at most: {} frames, and the radiance of every "
       "light once it is reduced\n",
       duration(time.total()), bytes(size.bytes), size.frames);
-  return words;
+  return words + "\n" +
+         left_out_table(planned_left_out(prepared), plan.left_out.drivers_not_opened) +
+         remark_words(prepared.remarks);
+}
+
+/// A plan as the service would plan it, or the stored one as the service would take it up.
+Result<Prepared> rehearsed(const Rig& rig, const SessionSpec& spec, const std::string& stored) {
+  if (stored.empty()) return prepare(rig, spec);
+  const auto json = read_file(stored);
+  if (!json) return tl::unexpected(with_context("read the plan", json.error()));
+  const auto plan = plan_from_json(*json, stored);
+  if (!plan) return tl::unexpected(plan.error());
+  auto prepared = prepare_with_plan(rig, spec, *plan);
+  if (!prepared) return prepared;
+  if (auto same = check_made_for(*plan, *prepared); !same) return tl::unexpected(same.error());
+  return prepared;
 }
 
 }  // namespace
@@ -226,9 +253,9 @@ int dry_run(const DryRunOptions& options) {
   show_diagnostics(files);
   if (!files.valid()) return 1;
   const Rig& rig = *files.rig.value;
-  const auto prepared = prepare(rig, files.spec());
-  if (!prepared) return complain(with_context("plan", prepared.error()));
   const SessionSpec spec = files.spec();
+  const auto prepared = rehearsed(rig, spec, options.plan);
+  if (!prepared) return complain(with_context("plan", prepared.error()));
   const CaptureTime time = capture_time(rig, spec, prepared->plan, &prepared->object.mesh);
   say(options.json ? json_text(dry_run_json(rig, spec, *prepared, time))
                    : dry_run_words(rig, spec, *prepared, time));

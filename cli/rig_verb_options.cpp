@@ -36,6 +36,8 @@ void add_rig_verbs(Verbs& verbs) {
       dry_options->json);
   verb->add_option("rig", dry_options->rig, "Rig file")->required();
   verb->add_option("session", dry_options->session, "Session file");
+  verb->add_option("--plan", dry_options->plan,
+                   "Rehearse this plan.json, as start --plan takes it, instead of making one");
 
   auto device_options = std::make_shared<DevicesOptions>();
   verb = with_json(verbs.add("devices", "What is plugged in, and what keeps it from opening",

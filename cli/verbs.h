@@ -24,7 +24,7 @@ struct PlanOptions {
 int plan(const PlanOptions& options);
 
 struct DryRunOptions {
-  std::string rig, session;
+  std::string rig, session, plan;
   bool json = false;
 };
 int dry_run(const DryRunOptions& options);

@@ -216,6 +216,25 @@ TEST_F(CommandLine, TellsOfEachOfARigsDevicesWhetherOrNotTheOthersOpen) {
   EXPECT_THAT(none.at("problems").back().get<std::string>(), HasSubstr("no valid rig file"));
 }
 
+TEST_F(CommandLine, RehearsesAPlanAsItWasStored) {
+  const std::string plan = (folder_ / "plan.json").string();
+  ASSERT_EQ(run(lightrig + " plan " + demo + " --lights 2 -o " + plan).code, 0);
+  const Json stored =
+      Json::parse(run(lightrig + " dry-run --json --plan " + plan + " " + demo).out);
+  const Json shots = Json::parse(text_of(plan)).at("lights");
+  EXPECT_EQ(stored.at("steps").size(), shots.size());
+  EXPECT_LE(shots.size(), 3U) << "not the rig file's own number";
+  EXPECT_FALSE(stored.at("remarks").empty());
+  EXPECT_TRUE(stored.at("left_out").contains("candidates_unreachable"))
+      << stored.at("left_out").dump();
+  const Outcome words = run(lightrig + " dry-run --plan " + plan + " " + demo);
+  EXPECT_THAT(words.out, HasSubstr("not needed by this scene"));
+  EXPECT_THAT(words.out, HasSubstr("remark: "));
+  const Outcome missing = run(lightrig + " dry-run --plan /nowhere/plan.json " + demo);
+  EXPECT_EQ(missing.code, 1);
+  EXPECT_THAT(missing.err, HasSubstr("/nowhere/plan.json"));
+}
+
 TEST_F(CommandLine, SaysHowManyFramesASessionStoresAtMost) {
   const Json dry = Json::parse(run(lightrig + " dry-run --json " + demo).out);
   // Eight dark frames; of every light one without the lamp and eight with it.
