@@ -206,6 +206,22 @@ void check_solid(const Section& body, Findings& findings) {
                    "gantry.body.camera_length_m goes with a camera_radius_m above 0");
 }
 
+/// Said of hardware alone: what moves in memory touches nothing.
+void check_body(const Section& gantry, Findings& findings) {
+  if (gantry.find("body") != nullptr || !gantry.has("kinematics") || !gantry.has("backend") ||
+      gantry.text("backend") == "simulated")
+    return;
+  const std::string& kind = gantry.text("kinematics");
+  const bool lamp_moves =
+      kind == "turntable"
+          ? std::ranges::any_of(gantry.all("axis"),
+                                [](const Section* axis) {
+                                  return axis->has("name") && axis->text("name") == "elevation";
+                                })
+          : kind != "lamps";
+  if (lamp_moves) findings.warning(gantry.place, no_body_remark);
+}
+
 void check_emission(const Section& lamp, Findings& findings) {
   if (!lamp.has("emission_angles_deg") || !lamp.has("emission_relative")) return;
   const std::vector<double> angles = lamp.numbers("emission_angles_deg");
@@ -344,6 +360,7 @@ void check_rig(const Section& root, const ControllerProfile* profile, Findings& 
   if (const Section* gantry = root.find("gantry")) {
     check_axes(*gantry, findings);
     if (const Section* body = gantry->find("body")) check_solid(*body, findings);
+    check_body(*gantry, findings);
     check_fit(root, *gantry, findings);
   }
   if (const Section* lamp = root.find("lamp")) {

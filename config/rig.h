@@ -108,6 +108,11 @@ struct GantrySolid {
   double camera_length = 0;     ///< [m] … from the camera's centre backwards
 };
 
+/// What a person should hear where a lamp that hardware moves has no solid.
+inline constexpr const char* no_body_remark =
+    "the gantry moves without a [gantry.body]: the lamp is taken for a point and the arm for "
+    "nothing, and object, camera and floor are no obstacles on its way; describe what is solid";
+
 struct GantryConfig {
   GantryModel model;
   std::optional<GantrySolid> solid;  ///< absent: the lamp is a point

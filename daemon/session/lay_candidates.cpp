@@ -208,6 +208,14 @@ int CandidateLayout::count(NotUsable why) const {
   return static_cast<int>(std::ranges::count(unusable, why, &UnusableCandidate::why));
 }
 
+bool moves_without_body(const Rig& rig) {
+  if (rig.gantry.solid || std::holds_alternative<SimulatedGantry>(rig.gantry.backend)) return false;
+  const auto* table = std::get_if<TurntableKinematics>(&rig.gantry.model.kinematics);
+  return table != nullptr
+             ? table->arm
+             : !std::holds_alternative<FixedLampsKinematics>(rig.gantry.model.kinematics);
+}
+
 Obstacles obstacles_of(const Rig& rig, const Mesh* object) {
   Obstacles obstacles;
   for (const KeepOut& volume : rig.keep_out) {

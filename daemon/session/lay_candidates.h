@@ -9,6 +9,9 @@
 
 namespace lightrig {
 
+/// Whether hardware moves the lamp while the rig file says of nothing that it is solid.
+bool moves_without_body(const Rig& rig);
+
 /// What lamp and arm may not touch: the rig file's keep-out volumes and, where it describes the
 /// solid that moves ([gantry.body]), camera, floor and object as well.
 struct Obstacles {

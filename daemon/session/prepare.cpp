@@ -326,8 +326,9 @@ void see_turned(const Rig& rig, const SessionSpec& spec, const Patience& patienc
   }
 }
 
-/// A person should hear before the rig moves that nothing will test what it yields.
-void remark_untested(Prepared& prepared) {
+/// To be heard before anything moves: what may be touched, and that nothing tests the result.
+void remark_doubts(const Rig& rig, Prepared& prepared) {
+  if (moves_without_body(rig)) prepared.remarks.emplace_back(no_body_remark);
   if (std::ranges::any_of(prepared.plan.shots, &Shot::held_out)) return;
   prepared.remarks.emplace_back(
       "no light is held out: the session will not know its error, only what is predicted of it; "
@@ -373,7 +374,7 @@ Result<Prepared> prepare(const Rig& rig, const SessionSpec& spec, bool brute_for
     return tl::unexpected(chosen.error());
   }
   see_turned(rig, spec, patience, *prepared);
-  remark_untested(*prepared);
+  remark_doubts(rig, *prepared);
   prepared->peak_memory_mib = peak_memory_mib();
   return prepared;
 }
@@ -392,7 +393,7 @@ Result<Prepared> prepare_with_plan(const Rig& rig, const SessionSpec& spec, cons
   for (Shot& shot : prepared->plan.shots)
     shot.light = prepared->candidates[static_cast<std::size_t>(shot.candidate)].light;
   see_turned(rig, spec, patience, *prepared);
-  remark_untested(*prepared);
+  remark_doubts(rig, *prepared);
   return prepared;
 }
 

@@ -30,9 +30,15 @@ std::string text_of(const fs::path& file) {
   return text.str();
 }
 
+/// What was said besides that the demo's gantry, and that of the wires, has no body.
+std::string besides_the_body(std::vector<Diagnostic> diagnostics) {
+  std::erase_if(diagnostics, [](const Diagnostic& one) { return one.message == no_body_remark; });
+  return to_text(diagnostics);
+}
+
 Rig rig_of(const std::string& name) {
   const Read<Rig> read = read_rig(shipped(name));
-  EXPECT_EQ(to_text(read.diagnostics), "");
+  EXPECT_EQ(besides_the_body(read.diagnostics), "");
   EXPECT_TRUE(read.value.has_value());
   return read.value ? *read.value : Rig{};
 }
@@ -87,7 +93,7 @@ pause_above_c = 60
 resume_below_c = 50
 )";
   const Read<Rig> read = read_rig_text(text, shipped("demo.toml"));
-  EXPECT_EQ(to_text(read.diagnostics), "");
+  EXPECT_EQ(besides_the_body(read.diagnostics), "");
   ASSERT_TRUE(read.value);
   const PauseConditions& pause = read.value->pause;
   EXPECT_DOUBLE_EQ(pause.packet_loss->rule.resume_below, 0.25);

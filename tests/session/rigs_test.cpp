@@ -170,6 +170,33 @@ TEST(Rigs, OnATurntableNoAcceptedWayMeetsTheTurnedObjectAtAnyOfTenThousandPoses)
   EXPECT_GT(refused, 50);
 }
 
+TEST(RigsWithoutABody, AreRemarkedUponWhereHardwareMovesTheLamp) {
+  const Scratch scratch;
+  const auto without_body = [&](const std::string& name) {
+    return std::regex_replace(small_copy(name, scratch.path()),
+                              std::regex("\\[gantry\\.body\\]\n([^\\[\n][^\n]*\n)*"), "");
+  };
+  const auto rig_of = [&](const std::string& text) {
+    const auto read = read_rig_text(text, scratch.path() / "rig.toml");
+    EXPECT_TRUE(read.value) << to_text(read.diagnostics);
+    const bool warned = to_text(read.diagnostics).find(no_body_remark) != std::string::npos;
+    EXPECT_EQ(warned, moves_without_body(*read.value)) << "check and plan say the same";
+    return *read.value;
+  };
+  EXPECT_FALSE(moves_without_body(rig_of(small_copy("dome_mono", scratch.path()))));
+  EXPECT_TRUE(moves_without_body(rig_of(without_body("turntable_arm_bayer"))));
+  EXPECT_FALSE(moves_without_body(rig_of(without_body("turntable_mono")))) << "the lamp stands";
+  EXPECT_FALSE(moves_without_body(rig_of(small_copy("lamps_mono", scratch.path()))));
+  const Rig bare = rig_of(without_body("dome_mono"));
+  EXPECT_TRUE(moves_without_body(bare));
+  const auto prepared = prepare(bare, *read_session("", bare).value);
+  ASSERT_TRUE(prepared) << prepared.error().message;
+  EXPECT_THAT(prepared->remarks, testing::Contains(std::string(no_body_remark)));
+  Rig in_memory = bare;
+  in_memory.gantry.backend = SimulatedGantry{};
+  EXPECT_FALSE(moves_without_body(in_memory)) << "what moves in memory touches nothing";
+}
+
 TEST(WhiteReference, OfADiffuseTargetFindsTheLampsTrueStrength) {
   // PTFE of 98 %, under a lamp that is a fifth stronger than the 20 W/sr of its rig file.
   const Scratch scratch;
