@@ -140,7 +140,7 @@ int plan(const PlanOptions& options) {
     if (auto written = write_durably(options.output, json); !written)
       return complain(with_context("write the plan", written.error()));
   if (!options.svg.empty()) {
-    if (auto drawn = write_durably(options.svg, plan_svg(*prepared)); !drawn)
+    if (auto drawn = write_durably(options.svg, plan_svg(rig, *prepared)); !drawn)
       return complain(with_context("draw the plan", drawn.error()));
   }
   say(options.json ? json : plan_words(rig, *prepared));
