@@ -89,6 +89,7 @@ int calibrate_camera(const CalibrateOptions& options) {
   if (!run) return complain(with_context("calibrate the camera", run.error()));
   if (auto written = write_durably(options.output, run->text); !written)
     return complain(with_context("write the calibration", written.error()));
+  for (const std::string& warning : run->warnings) complain("warning: " + warning);
   if (options.json) {
     say(run->text);
     return 0;

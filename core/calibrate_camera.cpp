@@ -102,6 +102,24 @@ Eigen::Isometry3d pose_of(const cv::Mat& turn, const cv::Mat& shift) {
   return out;
 }
 
+tl::unexpected<Error> refused(std::string why) {
+  return fail(ErrorCode::invalid_input, std::move(why));
+}
+
+double rms_of(const Linearised& view) {
+  return std::sqrt(2 * view.residual.squaredNorm() / static_cast<double>(view.residual.size()));
+}
+
+tl::unexpected<Error> far_off(double rms, const std::vector<Linearised>& views) {
+  const auto worst = std::ranges::max_element(views, {}, rms_of);
+  return refused(fmt::format(
+      "the corners lie {:.2f} px (rms) from where any lens of this model would have them, worst in "
+      "image {} of {} with {:.2f} px: the target has not so many columns and rows of squares as "
+      "was said (--columns, --rows: squares, not inner corners), or is bent, or that image is "
+      "blurred; leave it out or take it again",
+      rms, worst - views.begin() + 1, views.size(), rms_of(*worst)));
+}
+
 /// Residuals and standard errors. The normal matrix is a bordered one: a block of the intrinsics,
 /// and a small block for every pose, which is eliminated [Triggs et al. 2000, §6].
 Result<void> judge(std::span<const TargetCorners> views, const Optimum& best,
@@ -122,6 +140,7 @@ Result<void> judge(std::span<const TargetCorners> views, const Optimum& best,
   const Eigen::Index unknowns = intrinsics + pose * static_cast<Eigen::Index>(views.size());
   out.rms = std::sqrt(squares / (static_cast<double>(count) / 2));
   out.noise = std::sqrt(squares / static_cast<double>(std::max<Eigen::Index>(1, count - unknowns)));
+  if (out.rms > worst_rms) return far_off(out.rms, linear);
   const Eigen::FullPivLU<Eigen::MatrixXd> lu(reduced);
   if (count <= unknowns || !lu.isInvertible())
     return fail(ErrorCode::invalid_input,
@@ -139,7 +158,7 @@ Result<void> judge(std::span<const TargetCorners> views, const Optimum& best,
         out.noise * out.noise * inverse + gain * covariance * gain.transpose();
     ViewFit view;
     view.corners = static_cast<int>(views[i].pixel.size());
-    view.rms = std::sqrt(2 * l.residual.squaredNorm() / static_cast<double>(l.residual.size()));
+    view.rms = rms_of(l);
     for (Eigen::Index k = 0; k < l.residual.size(); k += 2)
       view.worst = std::max(view.worst, std::hypot(l.residual[k], l.residual[k + 1]));
     view.camera_from_target = pose_of(best.turns[i], best.shifts[i]);
@@ -170,21 +189,8 @@ double tilt_spread(const std::vector<ViewFit>& views) {
   return spread;
 }
 
-tl::unexpected<Error> refused(std::string why) {
-  return fail(ErrorCode::invalid_input, std::move(why));
-}
-
 Result<void> accept(const CameraCalibration& c) {
   const double degrees = 180 / std::numbers::pi;
-  if (c.rms > worst_rms) {
-    const auto worst = std::ranges::max_element(c.views, {}, &ViewFit::rms);
-    return refused(fmt::format(
-        "the corners lie {:.2f} px (rms) from where any lens of this model would have them, worst "
-        "in "
-        "image {} of {} with {:.2f} px: the target is bent or of another size, or that image is "
-        "blurred; leave it out or take it again",
-        c.rms, worst - c.views.begin() + 1, c.views.size(), worst->rms));
-  }
   if (c.tilt_spread < least_tilt_spread)
     return refused(fmt::format(
         "the target is tilted by at most {:.1f}° from image to image, so that focal length and "

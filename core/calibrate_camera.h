@@ -47,7 +47,8 @@ RigPose pose_in_rig(const ViewFit& view, const Eigen::Isometry3d& rig_from_targe
 /// with standard errors from the residuals and the normal matrix at the optimum. Refused
 /// (invalid_input), with the reason and what to do: fewer than four views, views too alike in tilt
 /// (the focal length is then not determined), corners over too small a part of the picture (the
-/// distortion is then not), residuals above one pixel, or no optimum.
+/// distortion is then not), residuals above one pixel, or no optimum. Residuals are looked at
+/// first: of a target that is another than the one described nothing else means anything.
 Result<CameraCalibration> calibrate_camera(std::span<const TargetCorners> views, int width,
                                            int height);
 

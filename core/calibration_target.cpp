@@ -14,6 +14,8 @@
 namespace lightrig {
 namespace {
 
+constexpr double smallest_marker = 20;  ///< [px] that can be measured
+
 constexpr int fewest_corners = 6;  ///< of a ChArUco board partly seen, and not all in one line
 
 Result<void> check_target(const CalibrationTarget& target) {
@@ -77,6 +79,35 @@ Result<TargetCorners> find_checkerboard(const cv::Mat& image, const CalibrationT
   return out;
 }
 
+/// How much of a square every marker takes up: its corners brought onto the board by the board's
+/// own corners, which do not depend on the marker's size.
+std::vector<double> marker_shares(const cv::Mat& image, const CalibrationTarget& target,
+                                  const TargetCorners& seen,
+                                  std::vector<std::vector<cv::Point2f>> markers) {
+  std::vector<cv::Point2d> pixels, squares;
+  for (std::size_t i = 0; i < seen.pixel.size(); ++i) {
+    pixels.emplace_back(seen.pixel[i].x(), seen.pixel[i].y());
+    squares.emplace_back(seen.point[i].x() / target.square, seen.point[i].y() / target.square);
+  }
+  const cv::Mat onto_board = cv::findHomography(pixels, squares);
+  if (onto_board.empty()) return {};  // corners all in one line
+  std::vector<double> shares;
+  for (std::vector<cv::Point2f>& marker : markers) {
+    // Its edge is found some 0.4 px too short: of a small marker that would be an error of its own.
+    const double edge = cv::norm(marker[0] - marker[1]);
+    if (edge < smallest_marker) continue;
+    const int half = std::clamp(static_cast<int>(edge / 8), 1, 5);  // its black rim is a seventh
+    cv::cornerSubPix(image, marker, cv::Size(half, half), cv::Size(-1, -1),
+                     cv::TermCriteria(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 1e-3));
+    std::vector<cv::Point2f> flat;
+    cv::perspectiveTransform(marker, flat, onto_board);
+    double round = 0;
+    for (std::size_t i = 0; i < 4; ++i) round += cv::norm(flat[i] - flat[(i + 1) % 4]);
+    shares.push_back(round / 4);
+  }
+  return shares;
+}
+
 Result<TargetCorners> find_charuco(const cv::Mat& image, const CalibrationTarget& target) {
   const auto board = board_of(target);
   std::vector<int> marker_ids, corner_ids;
@@ -97,6 +128,7 @@ Result<TargetCorners> find_charuco(const cv::Mat& image, const CalibrationTarget
     out.pixel.emplace_back(double{corners[i].x}, double{corners[i].y});
     out.point.push_back(corner_of(target, corner_ids[i]));
   }
+  out.marker_shares = marker_shares(image, target, out, std::move(markers));
   return out;
 }
 

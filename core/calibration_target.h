@@ -32,6 +32,8 @@ struct CalibrationTarget {
 struct TargetCorners {
   std::vector<Eigen::Vector2d> pixel;  ///< [px]
   std::vector<Eigen::Vector3d> point;  ///< [m] the same corners on the target
+  /// Edges of the markers over those of the squares, as this image shows them (ChArUco).
+  std::vector<double> marker_shares;
 };
 
 /// Finds the target's inner corners to a fraction of a pixel [OpenCV aruco, calib3d]. Errors:

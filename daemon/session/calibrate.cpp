@@ -23,6 +23,10 @@ constexpr double least_theta_h = 12 * degree;
 constexpr double greatest_theta_d = 50 * degree;
 constexpr int fewest_samples = 20;
 constexpr double greatest_scatter = 0.05;
+// A marker's size off by less is a print measured badly; by more, another print.
+constexpr double greatest_marker_error = 0.03;
+// Sharp pictures of the target described leave less than half of it.
+constexpr double remarkable_rms = 0.2;  // [px]
 
 struct Mean {
   double weight = 0, sum = 0, squares = 0;
@@ -110,14 +114,16 @@ class PassedOver {
   std::vector<std::string> order_;
 };
 
+/// The pictures in use, each with the view that it is: a copy is the view of what it copies.
+using Shown = std::vector<std::pair<std::filesystem::path, std::size_t>>;
+
 /// Which of the pictures in use the board was placed in. Never another than the one that is meant:
 /// what was measured on the rig holds for that picture alone.
 Result<std::size_t> view_of(const BoardPlace& board,
-                            const std::vector<std::filesystem::path>& images,
-                            const std::vector<std::filesystem::path>& used) {
+                            const std::vector<std::filesystem::path>& images, const Shown& shown) {
   const std::filesystem::path& meant = board.image.empty() ? images.front() : board.image;
-  const auto at = std::ranges::find(used, meant);
-  if (at == used.end())
+  const auto at = std::ranges::find(shown, meant, &Shown::value_type::first);
+  if (at == shown.end())
     return fail(ErrorCode::invalid_input,
                 fmt::format("the board is placed in \"{}\", {}: take that picture again, or name "
                             "another whose board you have measured (--board-image)",
@@ -125,7 +131,26 @@ Result<std::size_t> view_of(const BoardPlace& board,
                             std::ranges::find(images, meant) == images.end()
                                 ? "which is none of the pictures"
                                 : "in which it was not found"));
-  return static_cast<std::size_t>(at - used.begin());
+  return at->second;
+}
+
+/// The board's scale is the square's as given, and nothing else says that it is right: but a print
+/// of another size shows other markers too.
+Result<void> check_marker(const std::vector<TargetCorners>& views,
+                          const CalibrationTarget& target) {
+  std::vector<double> shares;
+  for (const TargetCorners& view : views)
+    shares.insert(shares.end(), view.marker_shares.begin(), view.marker_shares.end());
+  if (shares.empty()) return {};
+  const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
+  std::nth_element(shares.begin(), middle, shares.end());
+  const double given = target.marker / target.square;
+  if (std::abs(*middle / given - 1) <= greatest_marker_error) return {};
+  return fail(ErrorCode::invalid_input,
+              fmt::format("the markers' edges are {:.3f} of the squares' in the pictures, by the "
+                          "sizes given {:g} mm of {:g} mm, {:.3f}: measure a square and a marker "
+                          "of the print (--square-mm, --marker-mm)",
+                          *middle, 1000 * target.marker, 1000 * target.square, given));
 }
 
 }  // namespace
@@ -139,7 +164,7 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
   run.placed = *placed;
   PassedOver passed_over;
   std::vector<TargetCorners> views;
-  std::vector<std::filesystem::path> used;
+  Shown shown;
   int width = 0, height = 0;
   for (const std::filesystem::path& file : images) {
     const auto image = read_grey_image(file);
@@ -152,16 +177,24 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
                       file.string(), image->width, image->height, width, height));
     width = image->width;
     height = image->height;
+    const auto bytes = read_file(file);
+    if (!bytes) return tl::unexpected(bytes.error());
+    const std::string hash = sha256_hex(*bytes);
+    // Once more it would make the standard errors smaller, and tell nothing.
+    if (const auto same = std::ranges::find(run.used, hash, &MadeFrom::sha256);
+        same != run.used.end()) {
+      shown.emplace_back(file, static_cast<std::size_t>(same - run.used.begin()));
+      passed_over.add(file, "the same picture as " + same->name);
+      continue;
+    }
     auto corners = find_corners(*image, target);
     if (!corners) {
       if (corners.error().code == ErrorCode::invalid_input) return tl::unexpected(corners.error());
       passed_over.add(file, corners.error().message);
       continue;
     }
-    const auto bytes = read_file(file);
-    if (!bytes) return tl::unexpected(bytes.error());
-    run.used.push_back({file.filename().string(), sha256_hex(*bytes)});
-    used.push_back(file);
+    shown.emplace_back(file, views.size());
+    run.used.push_back({file.filename().string(), hash});
     views.push_back(std::move(*corners));
   }
   run.skipped = passed_over.lines();
@@ -171,14 +204,23 @@ Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::
     for (const std::string& one : run.skipped) message += "; " + one;
     return fail(calibration.error().code, message);
   }
+  // Not before: of a board with another number of columns nothing lies where it is said to.
+  if (auto as_given = check_marker(views, target); !as_given)
+    return tl::unexpected(as_given.error());
   run.calibration = std::move(*calibration);
   if (run.placed) {
-    const auto view = view_of(*board, images, used);
+    const auto view = view_of(*board, images, shown);
     if (!view) return tl::unexpected(view.error());
     run.placed->view = *view;
     run.calibration.model.camera_from_world =
         pose_in_rig(run.calibration.views[*view], run.placed->rig_from_target).camera_from_rig;
   }
+  if (run.calibration.rms > remarkable_rms)
+    run.warnings.push_back(fmt::format(
+        "the corners lie {:.2f} px (rms) from where the lens has them, of sharp pictures of the "
+        "target described it is less than 0.1 px: is it a checkerboard or a ChArUco board as said "
+        "(--target), flat, and of so many squares?",
+        run.calibration.rms));
   run.text = camera_calibration_text(run.calibration, target, run.used, utc_now(), run.placed);
   return run;
 }

@@ -18,7 +18,8 @@ struct CalibrationRun {
   std::vector<MadeFrom> used;        ///< (views) images that the target was found in
   std::vector<std::string> skipped;  ///< one sentence for each reason not to use images
   std::optional<TargetInRig> placed;
-  std::string text;  ///< of the file to be written
+  std::vector<std::string> warnings;  ///< what is accepted and should be looked at
+  std::string text;                   ///< of the file to be written
 };
 
 /// Where the target lay in one of the images, in the rig's frame [rig_from_target].
@@ -28,10 +29,12 @@ struct BoardPlace {
 };
 
 /// Calibrates a camera from pictures of a target, which states the camera's pose in the rig's frame
-/// where `board` says where the target lay. Images without the target are passed over and said.
+/// where `board` says where the target lay. Images without the target, and those given twice,
+/// are passed over and said.
 /// Errors: those of reading the pictures; invalid_input when their sizes differ, for a board placed
-/// in an image that is none of them or that is passed over, and for a checkerboard so placed, which
-/// looks alike from both of its ends; refusals of calibrate_camera(), with what was found where.
+/// in an image that is none of them or that is passed over, for a checkerboard so placed, which
+/// looks alike from both of its ends, and for markers that are not of the size given; refusals of
+/// calibrate_camera(), with what was found where.
 Result<CalibrationRun> calibrate_camera_from(const std::vector<std::filesystem::path>& images,
                                              const CalibrationTarget& target,
                                              const std::optional<BoardPlace>& board = std::nullopt);

@@ -57,20 +57,23 @@ class Pictures : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = std::make_unique<Scratch>();
+    store("first.png", {480, 360, std::vector<std::uint8_t>(std::size_t{480} * 360, 90)});
+    poses_ = render("view", 7, 8);
+  }
+  static std::vector<Eigen::Isometry3d> render(const std::string& name, int count, unsigned seed) {
     const CameraModel camera = true_camera();
     constexpr int pixels_per_square = 160;
     const GreyImage texture = target_image(board(), pixels_per_square).value();
     const test::Sights sights(camera);
-    std::mt19937_64 random(8);
+    std::mt19937_64 random(seed);
     test::TargetPicture how;
     how.noise = 1;
-    store("first.png",
-          {camera.width, camera.height, std::vector<std::uint8_t>(std::size_t{480} * 360, 90)});
-    poses_ = test::drawn_views(camera, board(), 7, true, random);
-    for (std::size_t i = 0; i < poses_.size(); ++i)
-      store("view" + std::to_string(i) + ".png",
-            test::picture_of_target(sights, poses_[i], texture, board(), pixels_per_square, how,
+    const auto poses = test::drawn_views(camera, board(), count, true, random);
+    for (std::size_t i = 0; i < poses.size(); ++i)
+      store(name + std::to_string(i) + ".png",
+            test::picture_of_target(sights, poses[i], texture, board(), pixels_per_square, how,
                                     random));
+    return poses;
   }
   static void TearDownTestSuite() { folder_.reset(); }
 
@@ -223,6 +226,53 @@ TEST_F(Pictures, ThatShowNothingAreRefusedWithOneSentenceForAllOfThem) {
   const std::string& message = run.error().message;
   EXPECT_THAT(message, HasSubstr("; 5 images (a.png … e.png): 0 markers"));
   EXPECT_EQ(message.find("0 markers"), message.rfind("0 markers")) << message;
+}
+
+TEST_F(Pictures, OfAPrintOfAnotherSizeAreRefusedByItsMarkers) {
+  CalibrationTarget larger = board();
+  larger.square *= 1.25;  // and the marker as measured
+  const auto run = calibrate_camera_from(good(), larger);
+  ASSERT_FALSE(run);
+  EXPECT_THAT(run.error().message,
+              testing::AllOf(HasSubstr("the markers' edges are 0.7"), HasSubstr("--marker-mm")));
+  larger.square = 1.02 * board().square;
+  EXPECT_TRUE(calibrate_camera_from(good(), larger)) << "a print measured badly is still that one";
+}
+
+TEST_F(Pictures, OfABoardOfOtherColumnsAreRefusedForThat) {
+  CalibrationTarget narrow = board();
+  narrow.columns = 6;
+  const auto run = calibrate_camera_from(good(), narrow);
+  ASSERT_FALSE(run);
+  EXPECT_THAT(run.error().message,
+              testing::AllOf(HasSubstr("px (rms)"), HasSubstr("--columns, --rows")));
+}
+
+TEST_F(Pictures, GivenTwiceCountOnce) {
+  const auto once = calibrate_camera_from(good(), board());
+  ASSERT_TRUE(once) << once.error().message;
+  std::vector<fs::path> twice = good();
+  twice.push_back(folder_->path() / "copy.png");
+  fs::copy_file(good()[2], twice.back(), fs::copy_options::overwrite_existing);
+  const auto run = calibrate_camera_from(twice, board(), as_it_lay(twice.back()));
+  ASSERT_TRUE(run) << run.error().message;
+  EXPECT_THAT(run->skipped, testing::ElementsAre("copy.png: the same picture as view2.png"));
+  EXPECT_EQ(run->calibration.sigma, once->calibration.sigma);
+  EXPECT_EQ(run->placed->view, 2U) << "a board measured in the copy was measured in the picture";
+}
+
+TEST_F(Pictures, TakenForThoseOfAnotherKindOfTargetAreAcceptedWithAWarning) {
+  CalibrationTarget checkerboard = board();
+  checkerboard.kind = CalibrationTarget::Kind::checkerboard;
+  std::vector<fs::path> many = good();
+  const auto before = static_cast<std::ptrdiff_t>(files_.size());
+  render("more", 12, 9);
+  many.insert(many.end(), files_.begin() + before, files_.end());
+  files_.erase(files_.begin() + before, files_.end());
+  const auto run = calibrate_camera_from(many, checkerboard);
+  ASSERT_TRUE(run) << run.error().message;
+  EXPECT_THAT(run->warnings, testing::ElementsAre(HasSubstr("--target")));
+  EXPECT_TRUE(calibrate_camera_from(good(), board())->warnings.empty());
 }
 
 }  // namespace
