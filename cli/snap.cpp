@@ -1,6 +1,5 @@
 // snap: a frame for the preview, and the model drawn over it.
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <numbers>
 #include <optional>
@@ -8,13 +7,13 @@
 #include <vector>
 
 #include "cli/json_fields.h"
+#include "cli/overlay_words.h"
 #include "cli/rig_files.h"
 #include "cli/say.h"
 #include "cli/service_client.h"
 #include "cli/verbs.h"
 #include "config/json_text.h"
 #include "daemon/session/durable_file.h"
-#include "daemon/session/pose_check.h"
 #include "daemon/session/pose_overlay.h"
 #include "daemon/session/session_folder.h"
 
@@ -34,35 +33,6 @@ Result<std::optional<GantryPosition>> gantry_position(const ServiceClient& clien
     position.axes[static_cast<Eigen::Index>(i)] = at[i].get<double>();
   }
   return std::optional<GantryPosition>(position);
-}
-
-/// How the object lies in a frame that was just taken with the lamp, in words.
-std::string pose_line(const std::string& png, const Rig& rig, const Prepared& prepared,
-                      const std::optional<GantryPosition>& at, bool just_lit) {
-  if (!just_lit)
-    return "whether the object lies as modelled is told of a frame taken with the lamp: add "
-           "--exposure S --lamp";
-  if (!at) return "pose: the gantry's position is not known";
-  const auto pose = pose_in_preview(png, rig, prepared, *at);
-  if (!pose) return "pose: " + pose.error().message;
-  if (!pose->told) return "pose: not told, too little of the object is seen or lit";
-  return (wrong(*pose) ? "POSE: " + pose_reason(*pose, false)
-                       : std::string("pose: as modelled") +
-                             (pose->motions_seen() < 6 ? " as far as can be seen, " : ", ") +
-                             in_words(*pose));
-}
-
-/// Planned lights whose highlight is not drawn, and why; "" where all are.
-std::string not_drawn(const Plan& plan, const ExpectedHighlights& highlights) {
-  std::string words;
-  const auto add = [&](const std::vector<int>& shots, const char* why) {
-    std::vector<std::string> names;
-    for (const int shot : shots) names.push_back(shot_name(plan, shot));
-    if (!names.empty()) words += fmt::format("not drawn: {}: {}\n", fmt::join(names, ", "), why);
-  };
-  add(highlights.at_another_turn, "planned at another turn of the object than it stands at now");
-  add(highlights.lights_nothing, "lights nothing that the camera sees");
-  return words;
 }
 
 }  // namespace
@@ -109,20 +79,17 @@ int snap(const SnapOptions& options) {
     rows.push_back({shot_name(prepared->plan, one.shot),
                     fmt::format("{:.0f}, {:.0f}", one.pixel.x(), one.pixel.y()),
                     fmt::format("{:.1f}°", one.off * 180 / std::numbers::pi)});
+  const PoseSaid pose = pose_said(*png, rig, *prepared, *at, options.exposure > 0 && options.lamp);
   if (options.service.json) {
-    Json lights = Json::array();
-    for (const ExpectedHighlight& one : highlights.seen)
-      lights.push_back({{"light", shot_name(prepared->plan, one.shot)},
-                        {"column", one.pixel.x()},
-                        {"row", one.pixel.y()}});
-    say(json_text(Json{{"ok", true}, {"file", options.output}, {"highlights", std::move(lights)}}));
+    say(json_text(
+        overlay_json(options.output, prepared->plan, highlights, pose, !at->has_value())));
     return 0;
   }
   std::string words =
       table({"light", "highlight at column, row", "from the mirror direction"}, rows) +
-      not_drawn(prepared->plan, highlights);
+      not_drawn_words(prepared->plan, highlights);
   if (!*at) words += "the gantry's position is not known: drawn as at home\n";
-  say(words + pose_line(*png, rig, *prepared, *at, options.exposure > 0 && options.lamp) +
+  say(words + pose.words +
       "\nlast frame with the model's outline (green) and highlights (rings) written to " +
       options.output);
   return 0;

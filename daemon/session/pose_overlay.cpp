@@ -13,6 +13,7 @@
 #include "core/half_diff.h"
 #include "daemon/session/frame_file.h"
 #include "daemon/session/pose_check.h"
+#include "daemon/session/session_folder.h"
 
 namespace lightrig {
 namespace {
@@ -88,6 +89,34 @@ void draw_ring(const Eigen::Vector2d& centre, const std::array<std::uint8_t, 3>&
   }
 }
 
+/// Letters of three by five, rows from the top, a bit for a pixel: all that a light's name needs.
+int glyph(char letter) {
+  constexpr std::array<int, 10> digits{075557, 026227, 071747, 071717, 055711,
+                                       074717, 074757, 071111, 075757, 075717};
+  if (letter >= '0' && letter <= '9') return digits[static_cast<std::size_t>(letter - '0')];
+  return letter == 'L' ? 044447 : letter == 'H' ? 055755 : 0;
+}
+
+/// A light's name to the upper right of its ring, or to the left where the picture ends, dark
+/// behind so that it is read on anything.
+void draw_name(const std::string& name, const Eigen::Vector2d& centre,
+               const std::array<std::uint8_t, 3>& colour, Rgb& picture) {
+  const int size = std::max(1, picture.width / 320);
+  const int width = 4 * size * static_cast<int>(name.size()) + size, height = 7 * size;
+  const int ring = static_cast<int>(std::lround(centre.x()));
+  const int left = ring + 6 + width < picture.width ? ring + 6 : ring - 6 - width;
+  const int top = std::max(0, static_cast<int>(std::lround(centre.y())) - 6 - height);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const int column = x / size - 1, row = y / size - 1;
+      const bool inside = column >= 0 && column % 4 < 3 && row >= 0 && row < 5;
+      const bool on = inside && (glyph(name[static_cast<std::size_t>(column / 4)]) >>
+                                     (3 * (4 - row) + 2 - column % 4) &
+                                 1) != 0;
+      picture.set(left + x, top + y, on ? colour : std::array<std::uint8_t, 3>{20, 20, 20});
+    }
+}
+
 /// Whether a shot is planned at this turn of the object; true without a turntable.
 bool turned_so(const GantryModel& gantry, const Shot& shot, const GantryPosition& at) {
   constexpr double half_a_degree = std::numbers::pi / 360;
@@ -145,11 +174,22 @@ Result<std::vector<std::byte>> overlay_png(const std::string& png, const Rig& ri
         fmt::format("draw over the picture: it is {} × {} px, the rig file's camera takes {} "
                     "× {}: give the rig file that the service runs",
                     picture->width, picture->height, camera.width, camera.height));
+  // Names first: neither the outline nor a ring is hidden by one.
+  const std::vector<ExpectedHighlight> seen = expected_highlights(rig, prepared, at).seen;
+  const auto each = [&](auto&& draw) {
+    for (const ExpectedHighlight& one : seen) {
+      const bool held = prepared.plan.shots[static_cast<std::size_t>(one.shot)].held_out;
+      draw(one.shot, Eigen::Vector2d((one.pixel.array() + 0.5) / scale - 0.5),
+           held ? held_colour : ring_colour);
+    }
+  };
+  each([&](int shot, const Eigen::Vector2d& centre, const auto& colour) {
+    draw_name(shot_name(prepared.plan, shot), centre, colour, *picture);
+  });
   draw_outline(camera, *prepared.occluder, *picture);
-  for (const ExpectedHighlight& one : expected_highlights(rig, prepared, at).seen) {
-    const bool held = prepared.plan.shots[static_cast<std::size_t>(one.shot)].held_out;
-    draw_ring((one.pixel.array() + 0.5) / scale - 0.5, held ? held_colour : ring_colour, *picture);
-  }
+  each([&](int, const Eigen::Vector2d& centre, const auto& colour) {
+    draw_ring(centre, colour, *picture);
+  });
   return encode_png(picture->width, picture->height, 3, picture->pixels);
 }
 

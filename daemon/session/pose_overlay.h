@@ -28,9 +28,9 @@ ExpectedHighlights expected_highlights(const Rig& rig, const Prepared& prepared,
                                        const GantryPosition& at);
 
 /// A picture of the rig (PNG, the camera's aspect, any size) taken with the gantry there, with the
-/// modelled object's outline in green and a ring where each planned light's highlight is expected,
-/// so that a person sees a wrong pose. Errors: invalid_input for what is no PNG or has another
-/// aspect.
+/// modelled object's outline in green and a ring with the light's name where each planned light's
+/// highlight is expected, orange if fitted and blue if held out, so that a person sees a wrong
+/// pose. Errors: invalid_input for what is no PNG or has another aspect.
 Result<std::vector<std::byte>> overlay_png(const std::string& png, const Rig& rig,
                                            const Prepared& prepared, const GantryPosition& at);
 

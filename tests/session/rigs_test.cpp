@@ -269,6 +269,14 @@ TEST(Overlay, DrawsTheOutlineWhereTheModelIsAndSaysWhereHighlightsWillBe) {
     const int x = static_cast<int>(std::lround(one.pixel.x())) + 6;
     EXPECT_GT(at(x, static_cast<int>(std::lround(one.pixel.y()))), 140);
   }
+  // Beside the first ring its name: three by five a letter, from one pixel right of the ring's
+  // edge.
+  const Eigen::Vector2d first = highlights.seen.front().pixel;
+  const int left = static_cast<int>(std::lround(first.x())) + 7;
+  const int top = static_cast<int>(std::lround(first.y())) - 12;
+  ASSERT_EQ(shot_name(prepared.plan, highlights.seen.front().shot), "L01");
+  for (int y = 0; y < 5; ++y) EXPECT_GT(at(left, top + y), 140) << "the L's stem, " << y;
+  EXPECT_LT(at(left + 1, top), 140);
   EXPECT_THAT(overlay_png("no picture", rig, prepared, home).error().message,
               HasSubstr("draw over the picture"));
 }
