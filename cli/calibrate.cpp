@@ -1,10 +1,12 @@
 // calibrate: what a rig file takes from files rather than from people.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <numbers>
 #include <optional>
 #include <thread>
+#include <utility>
 
 #include "cli/json_fields.h"
 #include "cli/say.h"
@@ -81,6 +83,17 @@ std::string camera_words(const CalibrationRun& run) {
   return words;
 }
 
+/// The smallest sheet that holds so many millimetres either way round.
+std::string paper_for(double width, double height) {
+  const double across = std::max(width, height), up = std::min(width, height);
+  double longer = 297, shorter = 210;
+  for (int a = 4; a >= 0; --a) {
+    if (across <= longer && up <= shorter) return fmt::format("for a sheet of A{}", a);
+    shorter = std::exchange(longer, 2 * shorter);
+  }
+  return "more than a sheet of A0 holds";
+}
+
 }  // namespace
 
 int calibrate_camera(const CalibrateOptions& options) {
@@ -106,14 +119,16 @@ int calibrate_target(const CalibrateOptions& options) {
   constexpr int pixels_per_square = 200;
   const auto image = target_image(target_of(options), pixels_per_square);
   if (!image) return complain(with_context("draw the target", image.error()));
-  const auto png = encode_png(image->width, image->height, 1, image->pixels);
+  const double per_mm = pixels_per_square / options.square_mm;
+  const auto png = encode_png(image->width, image->height, 1, image->pixels, 1000 * per_mm);
   if (!png) return complain(with_context("draw the target", png.error()));
   if (auto written = write_durably(options.output, *png); !written)
     return complain(with_context("write the target", written.error()));
-  say(
-      fmt::format("{}: print it so that a square measures {} mm, on something flat and matt, and "
-                  "measure the print",
-                  options.output, options.square_mm));
+  say(fmt::format(
+      "{}: {:g} × {:g} mm with its white margin, {}: print it at 100 %, not fitted to the page, on "
+      "something flat and matt, and measure the print: a square is {:g} mm",
+      options.output, image->width / per_mm, image->height / per_mm,
+      paper_for(image->width / per_mm, image->height / per_mm), options.square_mm));
   return 0;
 }
 

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstring>
 #include <span>
 #include <system_error>
@@ -154,12 +155,18 @@ Result<std::vector<std::byte>> encode_float_exr(int width, int height,
 }
 
 Result<std::vector<std::byte>> encode_png(int width, int height, int channels,
-                                          const std::vector<std::uint8_t>& pixels) {
+                                          const std::vector<std::uint8_t>& pixels,
+                                          double pixels_per_m) {
   CHECK(width > 0 && height > 0 && (channels == 1 || channels == 3 || channels == 4));
   CHECK(pixels.size() == static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
                              static_cast<std::size_t>(channels));
   OIIO::ImageSpec spec(width, height, channels, OIIO::TypeDesc::UINT8);
   spec.attribute("oiio:ColorSpace", "sRGB");
+  if (pixels_per_m > 0) {
+    spec.attribute("ResolutionUnit", "m");
+    spec.attribute("XResolution", static_cast<float>(std::round(pixels_per_m)));
+    spec.attribute("YResolution", static_cast<float>(std::round(pixels_per_m)));
+  }
   return encode("png", spec, OIIO::TypeDesc::UINT8, pixels.data());
 }
 

@@ -30,8 +30,10 @@ Result<std::vector<std::byte>> encode_float_exr(int width, int height,
                                                 const std::vector<std::string>& channels,
                                                 const std::vector<float>& pixels);
 
-/// 8-bit sRGB PNG bytes (1, 3 or 4 channels).
+/// 8-bit sRGB PNG bytes (1, 3 or 4 channels), with the size in which it is to be printed where
+/// `pixels_per_m` is above 0.
 Result<std::vector<std::byte>> encode_png(int width, int height, int channels,
-                                          const std::vector<std::uint8_t>& pixels);
+                                          const std::vector<std::uint8_t>& pixels,
+                                          double pixels_per_m = 0);
 
 }  // namespace lightrig

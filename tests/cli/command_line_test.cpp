@@ -235,6 +235,19 @@ TEST_F(CommandLine, RehearsesAPlanAsItWasStored) {
   EXPECT_THAT(missing.err, HasSubstr("/nowhere/plan.json"));
 }
 
+TEST_F(CommandLine, DrawsATargetThatPrintsTrueToSize) {
+  const std::string png = (folder_ / "board.png").string();
+  const Outcome drawn = run(lightrig + " calibrate target --columns 9 --rows 6 --square-mm 20" +
+                            " --marker-mm 15 -o " + png);
+  EXPECT_EQ(drawn.code, 0) << drawn.err;
+  EXPECT_THAT(drawn.out, HasSubstr("200 × 140 mm with its white margin, for a sheet of A4"));
+  // 200 pixels to a square of 20 mm are 10 000 to the metre, 0x2710.
+  const std::string bytes = text_of(png);
+  const auto at = bytes.find("pHYs");
+  ASSERT_NE(at, std::string::npos);
+  EXPECT_EQ(bytes.substr(at + 4, 9), std::string("\0\0\x27\x10\0\0\x27\x10\x01", 9));
+}
+
 TEST_F(CommandLine, SaysHowManyFramesASessionStoresAtMost) {
   const Json dry = Json::parse(run(lightrig + " dry-run --json " + demo).out);
   // Eight dark frames; of every light one without the lamp and eight with it.
