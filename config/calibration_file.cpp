@@ -74,7 +74,7 @@ tl::unexpected<Error> not_as_written(const char* what) {
                           what));
 }
 
-/// The document, if its seal is whole.
+/// The document with its seal, if that is whole.
 Result<Json> read_sealed(const std::filesystem::path& file, const char* schema, const char* what) {
   const auto bytes = read_bytes(file);
   if (!bytes) return tl::unexpected(bytes.error());
@@ -86,7 +86,12 @@ Result<Json> read_sealed(const std::filesystem::path& file, const char* schema, 
   const std::string seal = json["sha256"];
   json.erase("sha256");
   if (sha256_of(json_text(json)) != seal) return not_as_written(what);
+  json["sha256"] = seal;
   return json;
+}
+
+CalibrationMark mark_of(const std::filesystem::path& file, const Json& json, double sigma) {
+  return {file.filename().string(), json["date"], json["sha256"], sigma};
 }
 
 }  // namespace
@@ -181,6 +186,7 @@ Result<bool> apply_camera_calibration(const std::filesystem::path& file, CameraC
   m.cy = (*json)["cy_px"];
   m.distortion = (*json)["distortion"].get<std::array<double, 5>>();
   camera.calibration = file;
+  camera.calibration_mark = mark_of(file, *json, (*json)["standard_errors"][0]);
   if (!json->contains("in_rig")) return false;
   const auto rows =
       (*json)["in_rig"]["camera_from_rig"].get<std::array<std::array<double, 4>, 3>>();
@@ -199,6 +205,8 @@ Result<void> apply_white_reference(const std::filesystem::path& file, bool near,
   lamp.strength = Eigen::Array3d(strength[0], strength[1], strength[2]);
   lamp.absolute_scale = true;
   lamp.white_reference = file;
+  const auto sigma = (*json)["relative_standard_error"].get<std::array<double, 3>>();
+  lamp.white_mark = mark_of(file, *json, std::ranges::max(sigma));
   return {};
 }
 

@@ -38,6 +38,14 @@ struct AravisCamera {
 struct SimulatedCamera {};
 using CameraBackend = std::variant<SimulatedCamera, AravisCamera>;
 
+/// What a file that a calibration wrote says of itself; empty for none.
+struct CalibrationMark {
+  std::string file, date, sha256;  ///< its name without its folder; its seal
+  double sigma = 0;  ///< a white reference: of the strength, relative; a lens: of fx [px]
+
+  bool given() const { return !sha256.empty(); }
+};
+
 struct CameraConfig {
   CameraModel model;
   SensorModel sensor;
@@ -47,6 +55,7 @@ struct CameraConfig {
                                       ///< the lens; absent: half the diagonal of view and 5°
   double readout_time = 0;            ///< [s] from end of exposure to frame in hand
   std::filesystem::path calibration;  ///< file the model was read from, "" if given inline
+  CalibrationMark calibration_mark;   ///< of that file
 };
 
 // --- gantry backends
@@ -156,10 +165,11 @@ struct LampConfig {
   bool absolute_scale =
       false;  ///< strength and response are calibrated; else the result's scale is nominal
   std::filesystem::path
-      white_reference;   ///< file that the strength was read from, "" if given inline
-  double max_power = 0;  ///< [0, 1] no default: the most any command may ask for
-  double power = 0;      ///< [0, 1] used for capture
-  double warm_up = 0;    ///< [s] on before the first exposure
+      white_reference;         ///< file that the strength was read from, "" if given inline
+  CalibrationMark white_mark;  ///< of that file
+  double max_power = 0;        ///< [0, 1] no default: the most any command may ask for
+  double power = 0;            ///< [0, 1] used for capture
+  double warm_up = 0;          ///< [s] on before the first exposure
   std::chrono::milliseconds max_on_time{
       0};  ///< the lease: dark after this long without renewal; no default
   LampBackend backend;

@@ -120,6 +120,8 @@ void describe_session(const SessionRecord& record, const Reduction& reduction, i
   r.components = static_cast<int>(basis.components());
   r.channels = record.rig.camera.sensor.channels();
   r.absolute_scale = record.rig.lamp.absolute_scale;
+  r.white = record.rig.lamp.white_mark;
+  r.lens = record.rig.camera.calibration_mark;
   r.threads = threads;
   r.drivers_not_opened = record.plan.left_out.drivers_not_opened;
 }

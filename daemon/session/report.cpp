@@ -320,8 +320,15 @@ std::string method(const SessionResult& r) {
                               counted(r.coefficients.rows_censored), r.coefficients.residual_rms));
   html += row("planned by", describe(r.criterion) + "; stop: " + r.plan_stop);
   html += row("stopped by", r.stop_fired);
-  html += row("scale", r.absolute_scale ? "absolute: lamp and response are calibrated"
-                                        : "nominal: the rig file's lamp strength, not calibrated");
+  html += row("scale", scale_in_words(r));
+  html += row("white reference",
+              !r.white.given() ? "none"
+                               : fmt::format("{} of {}, ± {:.2g} %, sha256 {}", r.white.file,
+                                             r.white.date, 100 * r.white.sigma, r.white.sha256));
+  html +=
+      row("lens", !r.lens.given() ? "as the rig file states it"
+                                  : fmt::format("{} of {}, fx ± {:.2g} px, sha256 {}", r.lens.file,
+                                                r.lens.date, r.lens.sigma, r.lens.sha256));
   return html +
          "</dl></div>\n<h3>The figures</h3>\n"
          "<p><b>Percentage error</b>: 100·‖ln f̂ − ln f‖ / ‖ln f‖ over all cells with a value and "

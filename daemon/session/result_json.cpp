@@ -137,6 +137,11 @@ Json method(const SessionResult& r) {
           {"clipped_cells", r.reconstruction.clipped_cells}};
 }
 
+Json to_json(const CalibrationMark& mark, const char* sigma) {
+  if (!mark.given()) return nullptr;
+  return {{"file", mark.file}, {"date", mark.date}, {"sha256", mark.sha256}, {sigma, mark.sigma}};
+}
+
 Json rows_of(const Eigen::MatrixXd& matrix) {
   Json rows = Json::array();
   for (Eigen::Index column = 0; column < matrix.cols(); ++column) {
@@ -148,6 +153,12 @@ Json rows_of(const Eigen::MatrixXd& matrix) {
 
 }  // namespace
 
+std::string scale_in_words(const SessionResult& result) {
+  if (!result.absolute_scale) return "nominal: the rig file's lamp strength, not calibrated";
+  return result.white.given() ? "absolute: by a white reference"
+                              : "absolute, as the rig file states: no white reference was taken";
+}
+
 std::string result_json(const SessionResult& r) {
   Json json{{"schema", "lightrig.result/1"},
             {"session", r.session},
@@ -158,6 +169,9 @@ std::string result_json(const SessionResult& r) {
             {"object", r.object},
             {"state", r.state},
             {"scale", r.absolute_scale ? "absolute" : "nominal"},
+            {"scale_by", scale_in_words(r)},
+            {"white_reference", to_json(r.white, "relative_standard_error")},
+            {"calibration", to_json(r.lens, "fx_standard_error_px")},
             {"unit", "1/sr"},
             {"stop", {{"planned", r.plan_stop}, {"fired", r.stop_fired}}},
             {"replanned", to_json(r.replans)},

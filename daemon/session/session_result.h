@@ -57,6 +57,7 @@ struct SessionResult {
   int basis_materials = 0, components = 0, channels = 0;
   int threads = 1;
   bool absolute_scale = false;
+  CalibrationMark white, lens;  ///< the files that scale and lens were taken from
 
   std::vector<CurvePoint> curve;
   std::optional<HeldOutError> held_out;
@@ -75,6 +76,9 @@ struct SessionResult {
   Coefficients coefficients;
   Reconstruction reconstruction;
 };
+
+/// Whether the scale is absolute, and by what.
+std::string scale_in_words(const SessionResult& result);
 
 /// result.json, schema lightrig.result/1. Measured times stand in `cost` and `curve[].elapsed_s`
 /// alone.

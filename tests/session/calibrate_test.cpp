@@ -112,6 +112,11 @@ TEST_F(Pictures, OfAPlacedBoardTellARigFileWhereItsCameraStands) {
       read_rig_text(text, fs::path(test::source_dir) / "config/rigs/dome_calibrated.toml");
   ASSERT_TRUE(rig.value) << to_text(rig.diagnostics);
 
+  const CalibrationMark& mark = rig.value->camera.calibration_mark;
+  EXPECT_EQ(mark.sha256, nlohmann::json::parse(run->text).at("sha256"));
+  EXPECT_EQ(mark.sigma, run->calibration.sigma[0]);
+  EXPECT_FALSE(mark.date.empty());
+
   // What the pictures were rendered from, and where the board was said to lie.
   Eigen::Isometry3d rig_from_target = Eigen::Isometry3d::Identity();
   rig_from_target.linear() << 1, 0, 0, 0, -1, 0, 0, 0, -1;

@@ -142,6 +142,28 @@ TEST(ResultJson, SaysErrorAgainstElapsedTimeAndWhatElseWouldHaveGiven) {
   EXPECT_TRUE(json["predicted_interval_90_percent"][1].is_null());
 }
 
+TEST(Report, SaysWhatTheScaleStandsOnAndWhichFilesItWasTakenFrom) {
+  Example example;
+  EXPECT_THAT(report_html(example.result, {}), HasSubstr("nominal: "));
+  example.result.absolute_scale = true;  // written by hand
+  EXPECT_THAT(report_html(example.result, {}), HasSubstr("no white reference was taken"));
+  auto json = nlohmann::json::parse(result_json(example.result));
+  EXPECT_EQ(json["scale"], "absolute");
+  EXPECT_THAT(json["scale_by"].get<std::string>(), HasSubstr("no white reference was taken"));
+  EXPECT_TRUE(json["white_reference"].is_null());
+  EXPECT_TRUE(json["calibration"].is_null());
+  example.result.white = {"white.json", "2026-05-04T03:02:01Z", "abc123", 0.0042};
+  example.result.lens = {"camera.json", "2026-05-03T03:02:01Z", "def456", 0.25};
+  const std::string html = report_html(example.result, {});
+  EXPECT_THAT(html, Not(HasSubstr("no white reference was taken")));
+  EXPECT_THAT(html, HasSubstr("white.json of 2026-05-04T03:02:01Z, ± 0.42 %, sha256 abc123"));
+  EXPECT_THAT(html, HasSubstr("camera.json of 2026-05-03T03:02:01Z, fx ± 0.25 px, sha256 def456"));
+  json = nlohmann::json::parse(result_json(example.result));
+  EXPECT_EQ(json["scale_by"], "absolute: by a white reference");
+  EXPECT_EQ(json["white_reference"]["relative_standard_error"], 0.0042);
+  EXPECT_EQ(json["calibration"]["sha256"], "def456");
+}
+
 TEST(CoefficientsJson, HoldsTheEstimateAndItsStandardDeviation) {
   const Example example;
   const auto json = nlohmann::json::parse(coefficients_json(example.result));

@@ -209,6 +209,13 @@ TEST(WhiteReference, OfADiffuseTargetFindsTheLampsTrueStrength) {
   ASSERT_TRUE(white) << white.error().message;
   for (Eigen::Index c = 0; c < 3; ++c) EXPECT_NEAR(white->white.strength[c], 24, 0.25);
   EXPECT_THAT(white->text, HasSubstr("lightrig.white/1"));
+  const Scratch written;
+  ASSERT_TRUE(write_durably(written.path() / "white.json", white->text));
+  LampConfig lamp;
+  ASSERT_TRUE(apply_white_reference(written.path() / "white.json", true, lamp));
+  EXPECT_EQ(lamp.white_mark.file, "white.json");
+  EXPECT_FALSE(lamp.white_mark.date.empty());
+  EXPECT_EQ(lamp.white_mark.sigma, white->white.sigma.maxCoeff());
 }
 
 TEST(WhiteReference, OfSomethingShinyIsRefused) {
