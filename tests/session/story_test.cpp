@@ -57,8 +57,7 @@ class Story : public testing::Test {
     const fs::path rig_file = shared_->path() / "rig.toml";
     std::ofstream(rig_file) << small_demo_rig(shared_->path());
     const auto rig = read_rig(rig_file);
-    for (const Diagnostic& d : rig.diagnostics) ADD_FAILURE() << to_text(d, rig.text);
-    ASSERT_TRUE(rig.value);
+    ASSERT_TRUE(rig.value) << to_text(rig.diagnostics);
     const auto spec = read_session("", *rig.value);
     ASSERT_TRUE(spec.value);
     auto prepared = prepare(*rig.value, *spec.value);
