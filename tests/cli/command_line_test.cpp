@@ -106,9 +106,15 @@ void expect_valid(const Outcome& checked) {
     return;
   }
   EXPECT_EQ(checked.code, 1);
-  for (std::size_t at = 0; at < checked.err.size(); at = checked.err.find('\n', at) + 1)
-    EXPECT_THAT(checked.err.substr(at, checked.err.find('\n', at) - at),
-                HasSubstr("but this build leaves it out: install lib"));
+  int missing = 0;
+  for (std::size_t at = 0; at < checked.err.size(); at = checked.err.find('\n', at) + 1) {
+    const std::string line = checked.err.substr(at, checked.err.find('\n', at) - at);
+    // A warning, with its place in the file below it, makes no rig invalid.
+    if (line.empty() || line.front() == ' ' || line.find(": warning: ") != line.npos) continue;
+    EXPECT_THAT(line, HasSubstr("but this build leaves it out: install lib"));
+    ++missing;
+  }
+  EXPECT_GT(missing, 0);
 }
 
 TEST_F(CommandLine, FindsTheShippedRigValid) {
