@@ -70,6 +70,14 @@ void Service::execute(const Command& command) {
   const Result<std::string> end = control.stop_token().stop_requested()
                                       ? not_begun(control, command.name)
                                       : command.work(control);
+  bool of_a_session = false;
+  {
+    const std::lock_guard lock(mutex_);
+    of_a_session = session_in_hand_;
+  }
+  // Every arena keeps what its threads once held: after a night's sessions an idle service held
+  // 180 MiB.
+  if (of_a_session) ::malloc_trim(0);
   {
     const std::lock_guard lock(mutex_);
     active_ = nullptr;
@@ -78,9 +86,6 @@ void Service::execute(const Command& command) {
     settle_steering();
   }
   record_end(command.id, end);
-  // Every arena keeps what its threads once held: after a night's sessions an idle service held
-  // 180 MiB.
-  ::malloc_trim(0);
 }
 
 // A rig that is not armed has no open device: lamp dark, motion stopped, nothing held.
