@@ -51,7 +51,7 @@ const std::vector<Room> rooms = {
      {"core", "config", "drivers", "sim", "daemon/session"},
      {"microhttpd.h", "systemd/", "spdlog/", "nlohmann/", "CLI/", "sys/", "netinet/", "arpa/",
       "ifaddrs.h", "fcntl.h", "unistd.h", "poll.h", "grp.h", "pwd.h", "signal.h", "netdb.h",
-      "openssl/"},
+      "openssl/", "malloc.h"},
      {"nlohmann/", "spdlog/"}},
     {"study",
      {"core", "config", "drivers", "sim", "daemon/session"},
